@@ -400,6 +400,15 @@ const LABORATORY: Laboratory<'static> = {
     laboratory
 };
 
+/// Lines of JSON between this program and a planner that is another program.
+const LINES: &[schema::LineFormat] = {
+    #[cfg(feature = "lab")]
+    let lines = &lab::exec::protocol::LINES;
+    #[cfg(not(feature = "lab"))]
+    let lines = &[];
+    lines
+};
+
 impl AlightCommand {
     pub fn run(&self) -> Result<Exit, CliError> {
         match self {
@@ -500,7 +509,7 @@ impl ConfigCommand {
             ConfigCommand::Scenario => lab::scene::print_defaults(),
             #[cfg(feature = "lab")]
             ConfigCommand::World => lab::live::config::print_world(),
-            ConfigCommand::Schema(a) => schema::run(a),
+            ConfigCommand::Schema(a) => schema::run(a, LINES),
             ConfigCommand::Completions { shell } => {
                 let mut script = Vec::new();
                 clap_complete::generate(*shell, &mut Cli::command(), "alight", &mut script);

@@ -10,8 +10,8 @@ use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_shared::wire::{self, WireError};
 use alight_uav::computer as uav;
-use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
+use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
 use alight_uav::settings::DroneSettings;
 use alight_usv::computer as usv;
 use serde::Serialize;
@@ -195,6 +195,9 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
         let limits = toml::from_str(&start.header.config).doing(start.name())?;
         return Ok(Box::new(SupervisorNode::new(limits)));
     }
+    if start.kind() == Some(ProcessKind::Planner) && log.has_foreign_plans() {
+        return Ok(Box::new(ForeignPlans));
+    }
     let beginning = Beginning { log, start, law };
     let found = start.kind().and_then(|kind| {
         uav::RowVisitor::visit(beginning, kind).or_else(|| usv::RowVisitor::visit(beginning, kind))
@@ -301,6 +304,31 @@ impl<N: Wired> Replayed for ReplayedNode<N> {
         };
         observers.step(t, &made.of(self.kind, step.header.boot));
         Ok(entry::hash(&made.out, &mut computed.scratch)? == output)
+    }
+}
+
+/// Steps of a planner that was another program: its recorded plans.
+struct ForeignPlans;
+
+impl Replayed for ForeignPlans {
+    fn step(
+        &mut self,
+        t: Time<TrueTime>,
+        step: &LogStep<'_>,
+        computed: &mut Computed,
+        observers: &mut dyn StepObserver,
+    ) -> Result<bool, WireError> {
+        let entry = step.entry::<PlannerOut>()?;
+        computed.keep(&entry.input.plan);
+        let made: RowStep<Planner> = RowStep {
+            at: Time::from_nanos(entry.now_ns),
+            took: Span::ZERO,
+            worked: true,
+            input: PlannerIn::default(),
+            out: entry.input,
+        };
+        observers.step(t, &made.of(ProcessKind::Planner, step.header.boot));
+        Ok(entry::hash(&made.out, &mut computed.scratch)? == entry.output)
     }
 }
 

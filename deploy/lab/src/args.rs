@@ -20,6 +20,7 @@ use alight_uav::planner::PlannerKind;
 use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use clap::{Arg, Args, Command, ValueEnum};
 
+use super::exec;
 use super::study::definition;
 
 /// Parses flags after the name of a command, which comes first.
@@ -64,16 +65,58 @@ pub enum PlannerArg {
     MpcNe,
 }
 
-impl PlannerArg {
-    pub fn select(self, nodes: &mut NodeConfigs) {
-        nodes.baseline = None;
+/// Planner of this program, or another program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum PlannerChoice {
+    Included(PlannerArg),
+    /// Command for the shell.
+    Exec(String),
+}
+
+impl PlannerChoice {
+    pub fn select(&self, nodes: &mut NodeConfigs) {
+        (nodes.baseline, nodes.own) = (None, None);
         match self {
-            PlannerArg::MpcFaa => nodes.drone.planner.kind = PlannerKind::MpcFaa,
-            PlannerArg::Alight => nodes.drone.planner.kind = PlannerKind::Alight,
-            PlannerArg::Mpc => nodes.baseline = Some(Baseline::Mpc),
-            PlannerArg::MpcNe => nodes.baseline = Some(Baseline::MpcNe),
+            PlannerChoice::Included(PlannerArg::MpcFaa) => nodes.drone.planner.kind = PlannerKind::MpcFaa,
+            PlannerChoice::Included(PlannerArg::Alight) => nodes.drone.planner.kind = PlannerKind::Alight,
+            PlannerChoice::Included(PlannerArg::Mpc) => nodes.baseline = Some(Baseline::Mpc),
+            PlannerChoice::Included(PlannerArg::MpcNe) => nodes.baseline = Some(Baseline::MpcNe),
+            PlannerChoice::Exec(command) => nodes.own = Some(exec::planner(command)),
         }
     }
+}
+
+impl FromStr for PlannerChoice {
+    type Err = String;
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.strip_prefix(exec::EXEC).map(str::trim) {
+            Some("") => Err("name its command: exec:python3 mine.py".into()),
+            Some(command) => Ok(PlannerChoice::Exec(command.into())),
+            None => PlannerArg::from_str(text, false)
+                .map(PlannerChoice::Included)
+                .map_err(|_| "no planner of that name: alight, mpc-faa, mpc, mpc-ne or exec:COMMAND".into()),
+        }
+    }
+}
+
+impl fmt::Display for PlannerChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            PlannerChoice::Included(planner) => {
+                let value = planner.to_possible_value();
+                f.write_str(value.as_ref().map_or("", PossibleValue::get_name))
+            }
+            PlannerChoice::Exec(command) => write!(f, "{}{command}", exec::EXEC),
+        }
+    }
+}
+
+fn planner() -> impl TypedValueParser<Value = PlannerChoice> {
+    let included = PlannerArg::value_variants().iter();
+    offering(
+        PlannerChoice::from_str,
+        included.filter_map(ValueEnum::to_possible_value),
+    )
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -232,9 +275,10 @@ pub struct SceneArgs {
     #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
           value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
-    /// Planner to fly [default: that of the configuration, alight]
-    #[arg(long, value_enum)]
-    pub planner: Option<PlannerArg>,
+    /// Planner to fly, or exec:COMMAND, a program of yours (alight help planners) [default: that of the configuration,
+    /// alight]
+    #[arg(long, value_name = "NAME|exec:COMMAND", value_parser = planner())]
+    pub planner: Option<PlannerChoice>,
     /// Firmware that the simulated autopilot resembles [default: that of the scenario, px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<AutopilotArg>,
@@ -316,7 +360,7 @@ impl SceneArgs {
             ("sea", self.sea.as_ref().map(|s| s.text.clone())),
             ("sea-state", text(self.sea_state.as_ref())),
             ("hull", self.hull.clone()),
-            ("planner", named(self.planner.as_ref())),
+            ("planner", text(self.planner.as_ref())),
             ("autopilot", named(self.autopilot.as_ref())),
             ("vessel", named(self.vessel.as_ref())),
             ("speed", text(self.speed.as_ref())),
@@ -412,8 +456,8 @@ pub struct StudyArgs {
     /// Planners to compare [default: the study's]
     ///
     /// A study without planners flies the configured one.
-    #[arg(long, value_name = "NAME,..", value_enum, value_delimiter = ',')]
-    pub planners: Vec<PlannerArg>,
+    #[arg(long, value_name = "NAME,..", value_parser = planner(), value_delimiter = ',')]
+    pub planners: Vec<PlannerChoice>,
     /// Trials per row
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,

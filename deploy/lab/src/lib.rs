@@ -3,6 +3,7 @@
 
 pub mod args;
 pub mod chart;
+pub mod exec;
 pub mod live;
 pub mod outcome_table;
 pub mod rare;

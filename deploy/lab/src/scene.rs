@@ -136,7 +136,7 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
         let installed = scenario.install_hull(nodes, hull);
         installed.map_err(|e| CliError::because("--hull", e))?;
     }
-    if let Some(planner) = args.planner {
+    if let Some(planner) = &args.planner {
         planner.select(nodes);
     }
     if let Some(autopilot) = args.autopilot {
@@ -228,12 +228,12 @@ fn set_deck_motion(
 }
 
 /// Flag as a shell reads it.
-fn written(name: &str, value: &str) -> String {
+pub fn written(name: &str, value: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
     match value {
         "" => format!("--{name}"),
         v if v.chars().all(plain) => format!("--{name} {v}"),
-        v => format!("--{name} '{v}'"),
+        v => format!("--{name} '{}'", v.replace('\'', "'\\''")),
     }
 }
 
@@ -258,6 +258,7 @@ fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfig
         autopilot: drone.autopilot,
         drone: drone.drone,
         baseline: None,
+        own: None,
     };
     Ok((nodes, drone.view.knots))
 }

@@ -26,6 +26,8 @@ fn bad_input_exit_code_2() {
         ("trial --speed -2 --vessel straight".into(), "-2"),
         ("trial --speed 5".into(), "--vessel"),
         ("trial --planner magic".into(), "magic"),
+        ("trial --planner exec:".into(), "exec:python3 mine.py"),
+        ("land --planner exec:true --log x".into(), "alight trial --record"),
         (format!("trial --scenario {no_file}"), no_file),
         (format!("trial --scenario {bad_key}"), "height"),
         (format!("trial --scenario {bad_range}"), "solve_delay_s"),

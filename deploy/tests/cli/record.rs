@@ -65,6 +65,32 @@ fn replay_of_a_recording() {
 }
 
 #[test]
+fn replay_of_a_planner_that_is_another_program() {
+    let program = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/pd_descent.py");
+    let trial = |more: &str| {
+        let o = alight(format!(
+            "trial --sea calm --planner exec:python3${{IFS}}{program} --json {more}"
+        ));
+        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+        json(&o)
+    };
+    let file = scratch("another-program.mcap");
+    let recorded = trial(&format!("--record {}", file.display()));
+    assert_eq!(
+        recorded["digest"],
+        trial("")["digest"],
+        "its solve time is stated"
+    );
+    let replay = json(&alight(format!("replay {} --json", file.display())));
+    assert_eq!(replay["identical"], true, "{replay}");
+    let planner = |n: &serde_json::Value| n["node"] == "planner" && n["steps"].as_u64() > Some(1000);
+    assert!(
+        replay["nodes"].as_array().unwrap().iter().any(planner),
+        "{replay}"
+    );
+}
+
+#[test]
 fn replay_of_processes_that_were_killed() {
     let kill = |kind: &str, state: &str| {
         format!("[[fault]]\nkind = \"{kind}\"\nstate = \"{state}\"\nafter_s = 0.1\nlasts_s = 0.15\n")

@@ -6,12 +6,13 @@
 //! | `mpc-ne` ([`mpc_ne`]) | tag | Fourier modes and a Kalman filter ([`modes`]), 1 s | when the predicted tilt permits it |
 //!
 //! Each is a [`Law`] of the flight planner. [`settings`] has the baseline's inputs to the predictor, and its
-//! mission parameters.
+//! mission parameters. [`own`] flies a law that is not part of this program.
 
 mod fourier;
 pub mod jerk;
 pub mod modes;
 pub mod mpc_ne;
+pub mod own;
 pub mod settings;
 
 #[cfg(test)]

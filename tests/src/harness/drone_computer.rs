@@ -17,6 +17,7 @@ use super::observer::WorldObserver;
 use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::autopilots::simulated::SimulatedAutopilot;
+use crate::baselines::own::LawReport;
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::bytes::boat::RECEIVER;
 use crate::sensors::delay::DelayLine;
@@ -113,6 +114,8 @@ pub struct SimulatedDroneComputer {
     pub(super) is_dead: bool,
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
+    /// Report of a planner's law that is not part of this program.
+    law: LawReport,
     solve_delay: Span,
     pub(super) slower: Span,
     outside: Outside,
@@ -179,10 +182,11 @@ fn start(
     process: ProcessKind,
     (bus, nodes): (&LockStep, &NodeConfigs),
     installed: (&DroneNodes, u32),
+    report: &LawReport,
 ) {
     let Ok(()) = rows.start(process, &bus.of(process), installed);
     if process == ProcessKind::Planner {
-        rows.planner = row(bus, nodes.planner(installed.1));
+        rows.planner = row(bus, nodes.planner(installed.1, report));
     }
 }
 
@@ -219,6 +223,7 @@ impl SimulatedDroneComputer {
         let render = &scenario.sensors.render;
         let Ok(kept) = Republisher::join(&bus, CheckpointStore::default());
         let Ok(observer) = Observer::join(&bus);
+        let law = LawReport::default();
         let mut rows = DroneRows {
             // The mission's process was running before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),
@@ -231,7 +236,7 @@ impl SimulatedDroneComputer {
             (ProcessKind::Uvdar, render.markers),
         ];
         for process in PROCESSES.iter().filter(|p| !others.contains(&(**p, false))) {
-            start(&mut rows, *process, (&bus, nodes), (&made, boot));
+            start(&mut rows, *process, (&bus, nodes), (&made, boot), &law);
         }
         SimulatedDroneComputer {
             k,
@@ -254,6 +259,7 @@ impl SimulatedDroneComputer {
             is_dead: false,
             stood_still_until: Time::EPOCH,
             plans: DelayLine::new(MAX_PLANS),
+            law,
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             slower: Span::ZERO,
             outside: Outside::join(&bus),
@@ -329,6 +335,7 @@ impl SimulatedDroneComputer {
             process,
             (&self.bus, nodes),
             (&self.nodes, self.boot),
+            &self.law,
         );
     }
     /// Kills the supervisor, and all processes with it.
@@ -499,6 +506,12 @@ impl SimulatedDroneComputer {
         let mut header = physics.header(self.k);
         header.at += self.ahead;
         header
+    }
+    /// Reason why a planner that is not part of this program has no plan.
+    pub fn planner_failure(&self) -> Option<String> {
+        let report = self.law.get();
+        let none = || Some(format!("has no plan: {}", report.none.as_ref()?));
+        report.failure.clone().or_else(none)
     }
     /// Last reported time armed on the deck without an order, s.
     pub fn still_armed_s(&self) -> Option<f64> {

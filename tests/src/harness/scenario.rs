@@ -19,6 +19,7 @@ use self::draws::DrawConfig;
 use self::foresight::ForesightConfig;
 use super::storm::fault::Fault;
 use crate::baselines::Baseline;
+use crate::baselines::own::{LawReport, OwnLaw};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
@@ -233,19 +234,23 @@ pub struct NodeConfigs {
     pub drone: DroneSettings,
     /// Replaces the drone's planner.
     pub baseline: Option<Baseline>,
+    /// Replaces the law of the drone's planner, or of the baseline.
+    pub own: Option<OwnLaw>,
 }
 
 impl NodeConfigs {
-    pub fn planner_name(&self) -> &'static str {
+    pub fn planner_name(&self) -> &str {
         let kind = self.drone.planner.kind;
-        self.baseline.map_or_else(|| kind.name(), |b| b.name())
+        let included = self.baseline.map_or_else(|| kind.name(), |b| b.name());
+        self.own.as_ref().map_or(included, OwnLaw::name)
     }
-    /// The planner as a node.
-    pub fn planner(&self, boot: u32) -> Planner {
+    /// The planner as a node; a law that is not part of this program reports to `report`.
+    pub fn planner(&self, boot: u32, report: &LawReport) -> Planner {
         let (config, drone, deck) = (&self.drone.planner, &self.drone.airframe, &self.drone.deck);
-        match &self.baseline {
+        let own = self.own.as_ref().map(|own| own.law(&self.drone, report));
+        match own.or_else(|| Some(self.baseline.as_ref()?.law(config, drone))) {
             None => Planner::new(config, drone, deck, boot),
-            Some(b) => Planner::with_law(b.law(config, drone), config, drone, deck, boot),
+            Some(law) => Planner::with_law(law, config, drone, deck, boot),
         }
     }
     pub fn settings(&self) -> DroneSettings {

@@ -58,6 +58,10 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<Plan> {
         None
     }
+    /// Whether no plan is made if [`Law::own_plan`] has just returned none; otherwise the common planner plans.
+    fn plans_alone(&self) -> bool {
+        false
+    }
     /// Replaces permission and deck in the view; the plan starts at `start`.
     fn limit(&mut self, _now: Time<DroneClock>, _start: &ModelState, _view: &mut View) {}
     /// Replaces references and weights. Returns the planned time to contact, s.

@@ -209,6 +209,9 @@ impl Planner {
         if let Some(plan) = self.own_plan(now, mission, view.forecast.as_ref()) {
             return Some(plan);
         }
+        if self.law.plans_alone() {
+            return None;
+        }
         let (state, input) = self.start(now)?;
         let law = &mut self.law;
         law.limit(now, &state, &mut view);

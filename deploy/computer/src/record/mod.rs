@@ -38,6 +38,8 @@ const PROCESS: &str = "process";
 const RECORDING: &str = "recording";
 /// Key in that record: 0 if its nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
+/// Key in that record: 1 if another program was the planner. Its steps hold their outputs in place of their inputs.
+pub const FOREIGN_PLANS: &str = "foreign_plans";
 /// Attachment of a recording in which another planner than the drone's flew.
 pub const BASELINE_FILE: &str = "baseline.toml";
 

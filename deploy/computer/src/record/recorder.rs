@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
 use alight_shared::wire::WireError;
@@ -14,7 +15,7 @@ use crate::record::messages::each_message;
 use crate::record::observer::StepObserver;
 use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
-use crate::record::{About, RECORDING};
+use crate::record::{About, FOREIGN_PLANS, RECORDING};
 
 /// Writes the steps of a running flight or of a replayed log.
 pub struct Recorder {
@@ -24,6 +25,7 @@ pub struct Recorder {
     starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,
+    foreign_plans: bool,
     failed: Option<WireError>,
 }
 
@@ -52,6 +54,7 @@ impl Recorder {
                 starts: Vec::new(),
                 newest: NewestHeader::default(),
                 written: Computed::default(),
+                foreign_plans: about.values.contains_key(FOREIGN_PLANS),
                 failed: None,
             };
             Ok((recorder, more))
@@ -77,6 +80,11 @@ impl Recorder {
     }
     fn entry(&mut self, channel: ChannelId, t: Time<TrueTime>, step: &Step<'_>) -> Result<(), WireError> {
         let (mut references, newest, written) = (References::default(), &mut self.newest, &self.written);
+        if self.foreign_plans && step.process == ProcessKind::Planner {
+            return self.sink.message(channel, stamp(t), |to| {
+                entry::append(to, step.now_ns, (step.output, references, step.output))
+            });
+        }
         let input = (step.parts).input_with(&mut |part| references.take(part, newest, written));
         self.sink.message(channel, stamp(t), |to| {
             entry::append(to, step.now_ns, (&*input, references, step.output))

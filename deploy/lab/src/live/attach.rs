@@ -1,5 +1,5 @@
 //! `alight attach`: runs a process of vessel or drone with the attachments of a bench: an impaired radio, or
-//! a baseline as the planner.
+//! a baseline or another program as the planner.
 
 use std::path::PathBuf;
 
@@ -10,17 +10,17 @@ use alight_computer::process::args::ProcessArgs;
 use alight_computer::process::run;
 use alight_computer::vessel::estimator;
 use alight_shared::config;
-use alight_sim::baselines::Baseline;
+use alight_sim::baselines::own::LawReport;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::radio::Direction;
 use alight_transport::memory::Instance;
 use alight_transport::observe::receive_through;
-use alight_uav::computer::{DroneNodes, Installed as _};
-use alight_uav::planner::Planner;
-use alight_uav::settings::DroneSettings;
+use alight_uav::computer::DroneNodes;
 use clap::{Args, ValueEnum};
 
 use super::config::Attachments;
 use super::impairment::{Impaired, Inbound};
+use crate::exec;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum AttachedProcess {
@@ -47,7 +47,11 @@ pub struct AttachArgs {
 }
 
 pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
-    let Attachments { impairment, baseline } = config::load(&attach.attachments)?;
+    let Attachments {
+        impairment,
+        baseline,
+        exec,
+    } = config::load(&attach.attachments)?;
     let args = &attach.args;
     let impaired = |direction| impairment.as_ref().map(|i| Impaired::new(i, direction));
     match attach.process {
@@ -65,23 +69,17 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
             }
             bridge::run(args)
         }
-        AttachedProcess::Planner => match baseline {
-            None => run::run(args, Planner::installed, ()),
-            Some(baseline) => {
-                let make = |nodes: &DroneNodes, boot| planner(&baseline, &nodes.drone, boot);
-                run::run(args, make, ())
-            }
-        },
+        AttachedProcess::Planner => {
+            let make = |nodes: &DroneNodes, boot| {
+                let configs = NodeConfigs {
+                    drone: nodes.drone.clone(),
+                    baseline,
+                    own: exec.as_deref().map(exec::planner),
+                    ..NodeConfigs::default()
+                };
+                configs.planner(boot, &LawReport::default())
+            };
+            run::run(args, make, ())
+        }
     }
-}
-
-fn planner(baseline: &Baseline, drone: &DroneSettings, boot: u32) -> Planner {
-    let (config, airframe) = (&drone.planner, &drone.airframe);
-    Planner::with_law(
-        baseline.law(config, airframe),
-        config,
-        airframe,
-        &drone.deck,
-        boot,
-    )
 }

@@ -66,6 +66,9 @@ pub struct Attachments {
     /// Planner that the drone's program does not include.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
+    /// Command of a planner that is another program.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exec: Option<String>,
 }
 
 impl Check for Attachments {

@@ -90,6 +90,13 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         seed: list.map_or(args.seed, |list| list.seed),
         ..args.clone()
     };
+    if scene.nodes.own.is_some() && (args.log.is_some() || args.record.is_some()) {
+        return Err(CliError(
+            "--planner exec: a landing of all processes records no plans of another program: leave out --log and --record, \
+             or record with alight trial --record"
+                .into(),
+        ));
+    }
     if let Some(path) = &args.plot {
         chart::can_write(path)?;
     }

@@ -21,6 +21,7 @@ use alight_uav::computer;
 use alight_usv::DeckConfig;
 use alight_usv::sensors::SourcesConfig;
 
+use crate::args::PlannerChoice;
 use crate::live::air::RadioPath;
 use crate::live::args::LandArgs;
 use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, sources, write};
@@ -63,6 +64,10 @@ impl LandingSetup {
         let attachments = Attachments {
             impairment: air.impairment.clone(),
             baseline: scene.nodes.baseline,
+            exec: match &args.scene.planner {
+                Some(PlannerChoice::Exec(command)) => Some(command.clone()),
+                Some(PlannerChoice::Included(_)) | None => None,
+            },
         };
         let line = |name: &str| format!("serial://{}:115200", owned.file(name).display());
         let sensors = sources(&scene.scenario, |k| line(&format!("tty-sensor-{k}")));

@@ -10,7 +10,7 @@ use alight_computer::playback::{Viewer, replay, shown};
 use alight_computer::record::entry::{Entry, PartHeader};
 use alight_computer::record::log::Log;
 use alight_computer::record::observer::StepObserver;
-use alight_computer::record::{About, BASELINE_FILE, LIVE, Recorder, WORLD};
+use alight_computer::record::{About, BASELINE_FILE, FOREIGN_PLANS, LIVE, Recorder, WORLD};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
@@ -67,8 +67,10 @@ impl RecordingScene<'_> {
             ("sea", self.sea.to_string()),
             (LIVE, u32::from(self.live).to_string()),
         ];
+        let foreign = self.nodes.own.as_ref().map(|_| (FOREIGN_PLANS, "1".into()));
+        let values = values.into_iter().chain(foreign);
         Ok(About {
-            values: values.map(|(name, value)| (name.into(), value)).into(),
+            values: values.map(|(name, value)| (name.into(), value)).collect(),
             texts: texts.map(|(name, text)| (name.into(), text)).into(),
         })
     }

@@ -20,6 +20,7 @@ use crate::args::StudyArgs;
 use crate::chart::{self, Dot};
 use crate::outcome_table::summary_json;
 use crate::report::document::{Block, Chart, Document, write_files};
+use crate::scene::written;
 
 const MAX_FAILURES: usize = 12;
 const WORST_COUNT: usize = 3;
@@ -159,11 +160,11 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
     let [vessel, drone, tuning] = run::config_files(out, row);
     Some(format!(
-        "alight trial{scene}{}{}{} --planner {}",
+        "alight trial{scene}{}{}{} {}",
         flag("vessel-config", vessel).unwrap_or_default(),
         flag("drone-config", drone).unwrap_or_default(),
         flag("tuning", tuning).unwrap_or_default(),
-        row.kind()
+        written("planner", row.kind())
     ))
 }
 

@@ -9,13 +9,13 @@ use alight_computer::terminal;
 use alight_shared::config::{Check, Keys};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use clap::{Parser, ValueEnum};
+use clap::Parser;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
 use super::definition::{BY_ROW, Changes, Definition, PublishedResult, StudyAxis, StudyGrid};
-use crate::args::{PlannerArg, SceneArgs, StudyArgs};
+use crate::args::{PlannerChoice, SceneArgs, StudyArgs};
 use crate::scene::Scene;
 
 /// Tables of changes, named after the flags whose files they replace.
@@ -46,7 +46,7 @@ impl StudyRow {
         (&self.scenario, &self.planner) == (&o.sea, &o.planner)
     }
     /// Kind of its planner, as on the command line.
-    pub fn kind(&self) -> &'static str {
+    pub fn kind(&self) -> &str {
         self.nodes.planner_name()
     }
 }
@@ -217,14 +217,13 @@ fn combinations(axes: &[StudyAxis]) -> Vec<Vec<&Changes>> {
 }
 
 /// Planners of the command line, otherwise the study's, otherwise the configured one.
-fn planners(definition: &Definition, wanted: &[PlannerArg]) -> Result<Vec<Changes>, CliError> {
+fn planners(definition: &Definition, wanted: &[PlannerChoice]) -> Result<Vec<Changes>, CliError> {
     let mut all: Vec<Changes> = Vec::new();
-    for name in wanted.iter().filter_map(PlannerArg::to_possible_value) {
-        let name = name.get_name();
+    for name in wanted.iter().map(PlannerChoice::to_string) {
         if all.iter().all(|c| c.name != name) {
             all.push(Changes {
-                name: name.into(),
-                flags: Table::from_iter([("planner".into(), name.into())]),
+                flags: Table::from_iter([("planner".into(), name.clone().into())]),
+                name,
                 ..Changes::default()
             });
         }

@@ -1,4 +1,4 @@
-//! `alight config schema`: the messages on Zenoh and iceoryx2, for other programs.
+//! `alight config schema`: the messages on Zenoh and iceoryx2 and the lines of planners, for other programs.
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
@@ -8,6 +8,7 @@ use alight_shared::msg::MESSAGE_VERSION;
 use alight_shared::schema;
 use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
+use schemars::Schema;
 use serde_json::json;
 
 const INDENT: usize = 4;
@@ -26,14 +27,29 @@ pub struct SchemaArgs {
     pub json: bool,
 }
 
-pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
+/// Line of JSON between this program and another: name, version, schema.
+pub type LineFormat = (&'static str, u32, fn() -> Schema);
+
+/// `lines`: formats in addition to the topics.
+pub fn run(args: &SchemaArgs, lines: &[LineFormat]) -> Result<Exit, CliError> {
     let all = all();
+    if let Some((name, version, schema)) = lines.iter().find(|l| Some(l.0) == args.topic.as_deref()) {
+        let schema = schema();
+        if args.json {
+            terminal::line(json!({ "name": name, "version": version, "schema": schema }));
+        } else {
+            let head = format!("{name}: a line of JSON, version {version}");
+            terminal::line(fields(vec![head], &schema));
+        }
+        return Ok(Exit::Success);
+    }
     let shown: Vec<&Topic> = match &args.topic {
         None => all.clone(),
         Some(name) => all.iter().copied().filter(|t| t.name == name).collect(),
     };
     if shown.is_empty() {
-        let names: Vec<&str> = all.iter().map(|t| t.name).collect();
+        let lines = lines.iter().map(|l| l.0);
+        let names: Vec<&str> = all.iter().map(|t| t.name).chain(lines).collect();
         return Err(CliError(format!(
             "no topic {}: there are {}",
             args.topic.as_deref().unwrap_or_default(),
@@ -44,10 +60,13 @@ pub fn run(args: &SchemaArgs) -> Result<Exit, CliError> {
         let described: Vec<_> = shown.iter().map(|t| t.described()).collect();
         terminal::line(json!({ "message_version": MESSAGE_VERSION, "topics": described }));
     } else if args.topic.is_some() {
-        let texts: Vec<String> = shown.iter().map(|t| fields(t)).collect();
+        let texts: Vec<String> = shown.iter().map(|t| topic_fields(t)).collect();
         terminal::line(texts.join("\n\n"));
     } else {
         terminal::line(list(&shown));
+        for (name, version, _) in lines {
+            terminal::line(format_args!("{name}: a line of JSON, version {version}"));
+        }
     }
     Ok(Exit::Success)
 }
@@ -78,9 +97,7 @@ fn list(topics: &[&Topic]) -> String {
     )
 }
 
-fn fields(topic: &Topic) -> String {
-    let fields = schema::fields(&(topic.schema)());
-    let width = fields.iter().map(|f| f.path.chars().count()).max().unwrap_or(0);
+fn topic_fields(topic: &Topic) -> String {
     let mut lines = vec![format!(
         "{}: {}, version {MESSAGE_VERSION}, {}, {} Hz, {} bytes",
         topic.name,
@@ -95,6 +112,13 @@ fn fields(topic: &Topic) -> String {
             Topic::encoding_schema()
         ));
     }
+    fields(lines, &(topic.schema)())
+}
+
+/// Lines of a schema's fields below those of its head.
+fn fields(mut lines: Vec<String>, schema: &Schema) -> String {
+    let fields = schema::fields(schema);
+    let width = fields.iter().map(|f| f.path.chars().count()).max().unwrap_or(0);
     for f in &fields {
         lines.push(format!("{:width$}  {}", f.path, f.kind));
         let stated: Vec<&str> = [f.unit.as_str(), &f.frame]
@@ -121,7 +145,7 @@ mod tests {
     #[test]
     fn lines_of_every_schema_within_a_terminal() {
         let all = all();
-        let texts = once(list(&all)).chain(all.iter().map(|t| fields(t)));
+        let texts = once(list(&all)).chain(all.iter().map(|t| topic_fields(t)));
         for text in texts {
             for line in text.lines() {
                 assert!(line.chars().count() <= WIDTH, "{line}");

@@ -4,6 +4,7 @@ use core::mem::swap;
 
 use super::{MAX_WAITING, Moment, SimulatedDroneComputer, Uplink, due};
 use crate::autopilots::simulated::mode_number;
+use crate::baselines::own::LawReport;
 use crate::harness::bus::LockStep;
 use crate::harness::edge::edge;
 use crate::harness::foresight::{Foresight, OdometryError};
@@ -16,7 +17,7 @@ use alight_shared::bus::{Bus, Edge, Row, Writer as _};
 use alight_shared::msg::{AutopilotMode, Plan};
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Stamped, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage};
@@ -28,7 +29,11 @@ use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
 struct SolveTime<'a> {
-    arrives: Time<TrueTime>,
+    now: Time<TrueTime>,
+    /// Solve time, unless the law reports another, and what a fault adds.
+    delay: Span,
+    slower: Span,
+    law: &'a LawReport,
     plans: &'a mut DelayLine<Plan>,
 }
 
@@ -40,8 +45,9 @@ impl Edge<Planner> for SolveTime<'_> {
         _ports: &mut PlannerPorts<B>,
     ) -> bool {
         if let Some(plan) = out.plan {
+            let delay = self.law.get().solve.unwrap_or(self.delay);
             // A full delay line drops the plan: it is full only while plans are not read.
-            let _full = self.plans.push(self.arrives, plan);
+            let _full = self.plans.push(self.now + delay + self.slower, plan);
         }
         true
     }
@@ -205,7 +211,10 @@ impl SimulatedDroneComputer {
     pub(super) fn step_planner(&mut self, (t, now): Moment, observer: &mut impl WorldObserver) {
         let process = self.process(ProcessKind::Planner);
         let mut edge = SolveTime {
-            arrives: t + self.solve_delay + self.slower,
+            now: t,
+            delay: self.solve_delay,
+            slower: self.slower,
+            law: &self.law,
             plans: &mut self.plans,
         };
         step(&mut self.rows.planner, process, (t, now), &mut edge, observer);

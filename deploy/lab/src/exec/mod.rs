@@ -1,0 +1,121 @@
+//! `--planner exec:COMMAND`: a planner that is another program. Each plan period it gets a line and answers
+//! with a line ([`protocol`]). Once it has failed to answer, the flight goes on without plans.
+
+mod child;
+pub mod protocol;
+#[cfg(test)]
+mod tests;
+
+use alight_computer::terminal::note;
+use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::topics;
+use alight_sim::baselines::own::{LawReport, OwnLaw, ReportedLaw};
+use alight_uav::planner::law::Law;
+use alight_uav::planner::model::ModelState;
+use alight_uav::planner::reference::PlanReference;
+use alight_uav::settings::DroneSettings;
+
+use child::{AnswerLimits, AnsweringChild};
+use protocol::{Answer, Limits, PlannerAnswer, PlannerInput};
+
+/// Beginning of the planner's name on the command line and in outcomes.
+pub const EXEC: &str = "exec:";
+
+/// Planner by the program that `command` starts; each flight starts its own.
+pub fn planner(command: &str) -> OwnLaw {
+    let own = command.to_owned();
+    OwnLaw::new(format!("{EXEC}{command}"), move |drone, report| {
+        Box::new(ExecLaw::start(&own, drone, report))
+    })
+}
+
+#[derive(Debug)]
+struct ExecLaw {
+    /// None after a failure.
+    child: Option<AnsweringChild>,
+    report: LawReport,
+    limits: Limits,
+    drone: Option<DroneState>,
+    /// End of the newest solve that took longer than a period.
+    solved_at: Time<DroneClock>,
+    /// The newest answer lets the common planner plan.
+    common: bool,
+}
+
+impl ExecLaw {
+    fn start(command: &str, drone: &DroneSettings, report: &LawReport) -> ExecLaw {
+        let started = AnsweringChild::start(command, AnswerLimits::default());
+        let child = started.map_err(|why| fail(report, why)).ok();
+        ExecLaw {
+            child,
+            report: report.clone(),
+            limits: Limits::of(&drone.planner, &drone.airframe),
+            drone: None,
+            solved_at: Time::from_nanos(i64::MIN),
+            common: false,
+        }
+    }
+    fn answer(
+        &mut self,
+        now: Time<DroneClock>,
+        input: &PlannerInput<'_>,
+    ) -> Option<Result<(Answer, Span), String>> {
+        let child = self.child.as_mut()?;
+        let line = serde_json::to_string(input).map_err(|e| format!("cannot be asked: {e}"));
+        let asked = line.and_then(|line| child.ask(line + "\n"));
+        Some(asked.and_then(|(line, took)| Ok((PlannerAnswer::read(&line, now)?, took))))
+    }
+}
+
+impl Law for ExecLaw {
+    fn observe(&mut self, drone: Option<&DroneState>, _: Option<&DeckForecast>, _: &PlanReference) {
+        self.drone = drone.copied().or(self.drone);
+    }
+    fn plans_alone(&self) -> bool {
+        !self.common
+    }
+    fn own_plan(
+        &mut self,
+        now: Time<DroneClock>,
+        mission: &MissionState,
+        forecast: Option<&DeckForecast>,
+        _start: Option<(ModelState, f64)>,
+    ) -> Option<Plan> {
+        let stale_after = topics::DRONE_STATE.stale_after;
+        let drone = self.drone.filter(|d| now - d.header.at <= stale_after)?;
+        // A program that solves longer than a period is asked again when it is ready.
+        if now < self.solved_at {
+            return None;
+        }
+        let input = PlannerInput::of(now, (mission, &drone), forecast, self.limits);
+        let answered = self.answer(now, &input)?;
+        self.common = matches!(answered, Ok((Answer::Common, _)));
+        *self.report.get() = ReportedLaw::default();
+        match answered {
+            Ok((Answer::Plan(plan, stated), measured)) => {
+                let solve = stated.unwrap_or(measured);
+                self.report.get().solve = Some(solve);
+                if solve.secs() > self.limits.period_s {
+                    self.solved_at = now + solve;
+                }
+                return Some(*plan);
+            }
+            Ok((Answer::None(why), _)) => self.report.get().none = Some(why),
+            Ok((Answer::Common, _)) => {}
+            Err(why) => {
+                fail(&self.report, why);
+                self.child = None;
+            }
+        }
+        None
+    }
+}
+
+fn fail(report: &LawReport, why: String) {
+    note(
+        true,
+        format_args!("the planner {why}: the flight goes on without plans"),
+    );
+    report.get().failure = Some(why);
+}

@@ -1,0 +1,67 @@
+//! A law that is not part of this program: the caller makes it for each start of the planner.
+
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use alight_shared::time::Span;
+use alight_uav::planner::law::Law;
+use alight_uav::settings::DroneSettings;
+
+/// Report of a law to the world that flies it.
+#[derive(Clone, Debug, Default)]
+pub struct LawReport(Arc<Mutex<ReportedLaw>>);
+
+#[derive(Clone, Debug, Default)]
+pub struct ReportedLaw {
+    /// Reason why the law plans no more; the flight goes on without plans.
+    pub failure: Option<String>,
+    /// Reason why it has no plan now.
+    pub none: Option<String>,
+    /// Solve time of the newest plan; None: that of the scenario.
+    pub solve: Option<Span>,
+}
+
+impl LawReport {
+    pub fn get(&self) -> MutexGuard<'_, ReportedLaw> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+type MakeLaw = dyn Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync;
+
+/// Planner under test. Mission and predictor have the drone's own settings.
+#[derive(Clone)]
+pub struct OwnLaw {
+    name: String,
+    make: Arc<MakeLaw>,
+}
+
+impl OwnLaw {
+    /// `name`: planner in the outcomes.
+    pub fn new(
+        name: impl Into<String>,
+        make: impl Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync + 'static,
+    ) -> OwnLaw {
+        OwnLaw {
+            name: name.into(),
+            make: Arc::new(make),
+        }
+    }
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+    pub fn law(&self, drone: &DroneSettings, report: &LawReport) -> Box<dyn Law> {
+        (self.make)(drone, report)
+    }
+}
+
+impl fmt::Debug for OwnLaw {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("OwnLaw").field(&self.name).finish()
+    }
+}
+impl PartialEq for OwnLaw {
+    fn eq(&self, other: &OwnLaw) -> bool {
+        self.name == other.name
+    }
+}
