@@ -53,7 +53,8 @@ alight rehearse             what the packages install\n  \
 alight explain MESSAGE      what to do about a message\n  \
 alight help install         a page: start install sensors\n  \
 camera radio autopilots envelope crew operate view.md\n  \
-ground-station commands examples firmware recordings\n\n\
+ground-station commands examples planners firmware\n  \
+recordings\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
 pub struct Cli {
     #[command(subcommand)]
@@ -104,7 +105,7 @@ macro_rules! pages {
 }
 pages! {
     "start" "install" "autopilots" "sensors" "camera" "radio" "envelope" "crew" "operate" "view" "ground-station"
-    "commands" "examples" "firmware" "recordings"
+    "commands" "examples" "planners" "firmware" "recordings"
 }
 
 /// Page of the topic in `alight help TOPIC`; `view.md` is the page, `view` the command.
@@ -413,7 +414,7 @@ impl AlightCommand {
     pub fn run(&self) -> Result<Exit, CliError> {
         match self {
             #[cfg(feature = "lab")]
-            AlightCommand::Lab(c) => c.run(&view::start_viewer),
+            AlightCommand::Lab(c) => c.run(env!("ALIGHT_VERSION"), &view::start_viewer),
             AlightCommand::Init(a) => init::run(a),
             AlightCommand::Config(c) => c.run(),
             AlightCommand::Estimate(a) => estimate::run(a),

@@ -461,9 +461,9 @@ pub struct StudyArgs {
     /// Trials per row
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub trials: u32,
-    /// First seed
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub seed0: u64,
+    /// First seed [default: 1, in a benchmark its own]
+    #[arg(long, value_name = "SEED")]
+    pub seed0: Option<u64>,
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
@@ -485,6 +485,11 @@ pub struct StudyArgs {
     #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
+    /// Write the motion of each scene's deck to CSV: truth, sensors
+    ///
+    /// Of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "tasks", "out", "json", "csv", "within"])]
+    pub motion: Option<PathBuf>,
     /// End a row once its rate is known to PERCENT %
     ///
     /// That is up and down. The interval is Wilson's of 95 %, computed every 20 trials; a row has --trials at most.

@@ -94,8 +94,8 @@ pub enum RehearsalPart {
 }
 
 impl LabCommand {
-    /// Runs the command to its end; `viewer` shows a simulated flight.
-    pub fn run(&self, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
+    /// Runs the command of `program` (version and commit) to its end; `viewer` shows a simulated flight.
+    pub fn run(&self, program: &str, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
         match self {
             LabCommand::Trial(a) => match a.trials {
                 Some(count) => trials::run(a, count),
@@ -105,7 +105,7 @@ impl LabCommand {
                 Some(OtherStudy::Storm(a)) => storm::run(a),
                 Some(OtherStudy::Envelope(a)) => study::envelope::run(a),
                 Some(OtherStudy::Rare(a)) => rare::run(a),
-                None => study::run(&a.study),
+                None => study::run(&a.study, program),
             },
             LabCommand::Land(a) if a.trials.is_some() => Err(CliError(
                 "land flies one landing in real time; many: alight trial --trials N, or alight study".into(),

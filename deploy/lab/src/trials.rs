@@ -4,11 +4,17 @@ use std::path::Path;
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal::{self, note, wrapped};
+use alight_shared::estimation::quantile;
+use alight_shared::step::Step;
+use alight_shared::time::{Time, TrueTime};
+use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly};
+use alight_sim::harness::trial::{Watch, fly_with};
 use alight_sim::studies::statistics::Summary;
+use alight_transport::clock::steady_ns;
 use alight_transport::wake::end_requested;
+use alight_uav::planner::PlannerOut;
 use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
@@ -41,17 +47,41 @@ pub fn in_parallel<T: Sync, R: Send>(
     Ok(results?.into_iter().flatten().collect())
 }
 
-/// Flies one landing without a viewer, with the elapsed time.
-pub fn fly_seed(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, sea: &str) -> Result<Outcome, CliError> {
-    let elapsed = stopwatch();
+/// Durations of the planner's steps with a plan, by this computer's clock.
+#[derive(Default)]
+struct SolveTimes {
+    /// End of the step before.
+    since_ns: i64,
+    took_ms: Vec<f64>,
+}
+
+impl WorldObserver for SolveTimes {
+    fn step(&mut self, _t: Time<TrueTime>, step: &Step<'_>) {
+        let now_ns = steady_ns();
+        if step.output::<PlannerOut>().is_some_and(|out| out.plan.is_some()) {
+            self.took_ms.push((now_ns - self.since_ns) as f64 * 1e-6);
+        }
+        self.since_ns = now_ns;
+    }
+}
+
+/// Flies one landing without a viewer, with the elapsed time; `timed`: with the planner's, too.
+pub fn fly_seed(
+    (scenario, nodes): (&Scenario, &NodeConfigs),
+    seed: u64,
+    sea: &str,
+    timed: bool,
+) -> Result<Outcome, CliError> {
+    let (elapsed, mut times) = (stopwatch(), SolveTimes::default());
     let watch = Watch {
         on_event: &mut |_| {},
         trace_step_s: None,
     };
-    let flown = fly(scenario, nodes, seed, sea, watch)
+    let flown = fly_with(scenario, nodes, seed, sea, watch, &mut times)
         .doing(format_args!("setting up the trial of seed {seed} at sea {sea}"))?;
     Ok(Outcome {
         wall_time_s: elapsed(),
+        solve_p99_ms: quantile(&mut times.took_ms, 0.99).filter(|_| timed),
         ..flown.outcome
     })
 }
@@ -88,7 +118,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
         if let (Some(start_s), Some(motion)) = (motion_start(*seed), scenario.deck_motion.as_mut()) {
             motion.start_s = start_s;
         }
-        fly_seed(&scenario, &scene.nodes, *seed, &scene.sea)
+        fly_seed((&scenario, &scene.nodes), *seed, &scene.sea, false)
     })?;
     let interrupted = outcomes.len() < seeds.len();
     if interrupted {

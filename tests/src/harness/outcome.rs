@@ -185,6 +185,9 @@ pub struct Outcome {
     /// Simulated time including warm-up, s.
     pub sim_time_s: f64,
     pub wall_time_s: f64,
+    /// 99th percentile of the durations of the planner's steps, ms; null where they are not measured.
+    #[serde(default)]
+    pub solve_p99_ms: Option<f64>,
     /// Hash of every true state and set-point; equal digests mean equal bits.
     pub digest: String,
 }
@@ -449,6 +452,7 @@ impl Judge {
             stay_position_error_m: None,
             sim_time_s,
             wall_time_s: 0.0,
+            solve_p99_ms: None,
             digest: String::new(),
         };
         // Unsafe endings without a metric have the ratio 1: motors that stop in the air or do not stop,

@@ -9,7 +9,7 @@ use clap::builder::PossibleValue;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-const SHIPPED: [(&str, &str); 12] = [
+const SHIPPED: [(&str, &str); 13] = [
     ("table2", include_str!("../../../../tests/studies/table2.toml")),
     ("seas", include_str!("../../../../tests/studies/seas.toml")),
     ("moving", include_str!("../../../../tests/studies/moving.toml")),
@@ -27,6 +27,10 @@ const SHIPPED: [(&str, &str); 12] = [
     (
         "ablation",
         include_str!("../../../../tests/studies/ablation.toml"),
+    ),
+    (
+        "benchmark",
+        include_str!("../../../../tests/studies/benchmark.toml"),
     ),
 ];
 
@@ -89,6 +93,10 @@ pub const BY_ROW: &str = "row";
 #[serde(deny_unknown_fields)]
 pub struct Definition {
     pub title: String,
+    /// Version of a benchmark, whose table has scores; its scenes never change.
+    pub version: Option<u32>,
+    /// First seed, unless the command line gives one.
+    pub seed0: Option<u64>,
     #[serde(default)]
     pub all: Changes,
     /// Planners, the first of which is compared with the others; the configured one if there are none.

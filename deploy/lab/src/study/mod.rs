@@ -1,7 +1,9 @@
 //! `alight study`: one quantity measured over many seeds.
 
+mod benchmark;
 pub mod definition;
 pub mod envelope;
+mod motion;
 pub mod pooled;
 mod report;
 mod rows;
@@ -13,7 +15,8 @@ use alight_computer::terminal;
 
 use super::args::StudyArgs;
 
-pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
+/// `program`: version and commit.
+pub fn run(args: &StudyArgs, program: &str) -> Result<Exit, CliError> {
     let Some(name) = args.name.as_deref() else {
         return Err(CliError("STUDY is missing: alight help study names them".into()));
     };
@@ -22,8 +25,8 @@ pub fn run(args: &StudyArgs) -> Result<Exit, CliError> {
     }
     match name {
         name if args.tasks.is_some() => print_tasks(args, name)?,
-        "merge" => merge(args)?,
-        name => fly(args, name)?,
+        "merge" => merge(args, program)?,
+        name => fly(args, name, program)?,
     }
     Ok(Exit::Success)
 }
@@ -41,33 +44,43 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
         .collect::<Result<_, _>>()
         .map_err(|argument| CliError(format!("--tasks: {} is no text", argument.display())))?;
     let seeds = args.tasks.unwrap_or(args.trials);
-    for command in tasks::commands(args, seeds, rows.rows.len(), &given)? {
+    for command in tasks::commands(
+        args,
+        run::first_seed(args, &definition),
+        seeds,
+        rows.rows.len(),
+        &given,
+    )? {
         terminal::line(command);
     }
     Ok(())
 }
 
 /// Flies the study called `name`, or that of the file of that name.
-fn fly(args: &StudyArgs, name: &str) -> Result<(), CliError> {
+fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;
     let mut rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
+    let run = run::GridRun::of(args, &text, &definition, &rows.rows);
     if let Some(row) = args.row {
         rows.keep(row).doing(format_args!("study {name}"))?;
     }
-    let outcomes = run::fly_grid(&run::GridRun::of(args, &text), &rows.rows)?;
-    let hash = rows.rows.first().map(|r| run::configuration_hash(&r.nodes));
+    if let Some(directory) = &args.motion {
+        return motion::write(directory, &rows.rows, run.seed0, run.alone);
+    }
+    let outcomes = run::fly_grid(&run, &rows.rows)?;
     let study = report::Study {
         title: &definition.title,
+        program,
         definition: &definition,
         rows: &rows,
-        hash: &hash.unwrap_or_default(),
+        hash: &run.configuration,
         outcomes: &outcomes,
     };
     report::publish(args, &study)
 }
 
-fn merge(args: &StudyArgs) -> Result<(), CliError> {
+fn merge(args: &StudyArgs, program: &str) -> Result<(), CliError> {
     let Some(out) = &args.out else {
         return Err(CliError(
             "study merge: give the directory for the joined rows with --out".into(),
@@ -82,6 +95,7 @@ fn merge(args: &StudyArgs) -> Result<(), CliError> {
     let rows = rows::expand(&definition, args).doing(format_args!("study {file}"))?;
     let study = report::Study {
         title: &definition.title,
+        program,
         definition: &definition,
         rows: &rows,
         hash: &hash,

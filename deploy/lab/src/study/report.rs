@@ -12,6 +12,7 @@ use alight_sim::studies::statistics::{METRICS, Summary, bootstrap_mean, wilson};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use super::benchmark;
 use super::definition::{Definition, PublishedResult};
 use super::pooled;
 use super::rows::{Rows, StudyRow};
@@ -170,6 +171,8 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
 
 pub struct Study<'a> {
     pub title: &'a str,
+    /// Version and commit of the program.
+    pub program: &'a str,
     pub definition: &'a Definition,
     pub rows: &'a Rows,
     /// Hash of the nodes' configuration.
@@ -223,19 +226,30 @@ pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<(), CliError> {
         rows,
     };
     let (title, hash) = (study.title, study.hash);
-    for text in report.console(title, hash) {
-        note(args.form.alone(), text);
-    }
     let printed = report.printed(hash);
     let mut value = json!(printed);
-    let pooled = study.definition.pooled_by.as_ref().map(|by| {
-        let pools = pooled::of(study.rows, &planners, study.outcomes);
-        let table = pooled::table(by, &pools);
+    let pooled = if let Some(version) = study.definition.version {
+        let scores = benchmark::scores(study.rows, &planners, study.outcomes);
+        value = benchmark::json(&scores, study.outcomes);
+        value["benchmark"] = json!(version);
+        value["program"] = json!(study.program);
+        value["configuration"] = json!(hash);
+        note(args.form.alone(), title);
+        Some(benchmark::table(&scores))
+    } else {
+        for text in report.console(title, hash) {
+            note(args.form.alone(), text);
+        }
+        study.definition.pooled_by.as_ref().map(|by| {
+            let pools = pooled::of(study.rows, &planners, study.outcomes);
+            let json: Vec<Value> = pools.iter().map(pooled::Pool::json).collect();
+            value = json!({ "rows": value, "pooled": json });
+            pooled::table(by, &pools)
+        })
+    };
+    if let Some(table) = &pooled {
         note(args.form.alone(), table.text());
-        let json: Vec<Value> = pools.iter().map(pooled::Pool::json).collect();
-        value = json!({ "rows": value, "pooled": json });
-        table
-    });
+    }
     if let Some(out) = &args.out {
         let comparisons = json!(report.comparisons).to_string();
         let curves = pooled::curves(&study.rows.curves, &planners, study.outcomes)?;
@@ -257,7 +271,10 @@ pub fn publish(args: &StudyArgs, study: &Study<'_>) -> Result<(), CliError> {
             format_args!("written: {}", out.join("report.html").display()),
         );
     }
-    args.form.print(&value, &printed)?;
+    match value["scores"].as_array() {
+        Some(scores) => args.form.print(&value, scores)?,
+        None => args.form.print(&value, &printed)?,
+    };
     Ok(())
 }
 

@@ -16,6 +16,7 @@ use alight_sim::studies::statistics::wilson;
 use alight_transport::wake::end_requested;
 use alight_uav::planner::PlannerKind;
 
+use super::definition::Definition;
 use super::rows::StudyRow;
 use super::tasks;
 use crate::args::{Shard, StudyArgs};
@@ -24,6 +25,8 @@ use crate::trials::{fly_seed, in_parallel, seeds};
 
 pub struct GridRun<'a> {
     pub study: &'a str,
+    /// [`configuration_hash`] of the study's first row, the same for each of its parts.
+    pub configuration: String,
     pub trials: u32,
     pub seed0: u64,
     /// None: all cores.
@@ -35,24 +38,35 @@ pub struct GridRun<'a> {
     pub within: Option<f64>,
     /// The first failed trials are flown again and recorded.
     pub records_failed: bool,
+    /// Measures the planner's solve times.
+    pub timed: bool,
     /// Only the result goes to standard output.
     pub alone: bool,
 }
 
 impl<'a> GridRun<'a> {
-    pub fn of(args: &'a StudyArgs, study: &'a str) -> Self {
+    pub fn of(args: &'a StudyArgs, study: &'a str, definition: &Definition, rows: &[StudyRow]) -> Self {
         GridRun {
             study,
+            configuration: rows
+                .first()
+                .map_or_else(String::new, |r| configuration_hash(&r.nodes)),
             trials: args.trials,
-            seed0: args.seed0,
+            seed0: first_seed(args, definition),
             jobs: args.jobs,
             out: args.out.as_deref(),
             shard: args.shard,
             within: args.within.map(|percent| f64::from(percent) / 100.0),
             records_failed: true,
+            timed: definition.version.is_some(),
             alone: args.form.alone(),
         }
     }
+}
+
+/// First seed: the command line's, otherwise the study's.
+pub fn first_seed(args: &StudyArgs, definition: &Definition) -> u64 {
+    args.seed0.or(definition.seed0).unwrap_or(1)
 }
 
 /// Hash of the nodes' configuration without the planner's kind, the same for all rows of a table.
@@ -143,15 +157,12 @@ fn read_hash(dir: &Path) -> Option<String> {
 
 /// Writes the files for replaying the study's trials. Rejects a directory with rows of another study,
 /// configuration or scene.
-fn prepare(study: &str, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
+fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
-    let Some(base) = rows.first().map(|r| &r.nodes) else {
-        return Ok(());
-    };
     let mut files = vec![
-        (out.join(STUDY_FILE), study.to_owned()),
-        (out.join(HASH_FILE), configuration_hash(base) + "\n"),
+        (out.join(STUDY_FILE), args.study.to_owned()),
+        (out.join(HASH_FILE), format!("{}\n", args.configuration)),
     ];
     for row in rows {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
@@ -230,7 +241,7 @@ impl RowsWriter {
         out: &Path,
         rows: &[StudyRow],
     ) -> Result<(RowsWriter, Vec<Outcome>), CliError> {
-        prepare(args.study, out, rows)?;
+        prepare(args, out, rows)?;
         let path = rows_file(out);
         let fresh = !path.exists();
         let done = if fresh { Vec::new() } else { read_rows(out)? };
@@ -278,7 +289,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
     let fly = |(row, seed): &(&StudyRow, u64)| {
         let outcome = Outcome {
             planner: row.planner.clone(),
-            ..fly_seed(&row.world, &row.nodes, *seed, &row.scenario)?
+            ..fly_seed((&row.world, &row.nodes), *seed, &row.scenario, args.timed)?
         };
         writer.as_ref().map_or(Ok(()), |w| w.add(&outcome))?;
         Ok(outcome)

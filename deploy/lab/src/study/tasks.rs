@@ -13,6 +13,7 @@ const OWN: [&str; 5] = ["--tasks", "--trials", "--seed0", "--out", "--jobs"];
 /// Commands for `rows` rows; `given` is the command line that requested them, including the program's name.
 pub fn commands(
     args: &StudyArgs,
+    seed0: u64,
     seeds: u32,
     rows: usize,
     given: &[String],
@@ -37,7 +38,7 @@ pub fn commands(
     let command = |row: usize, block: u32| {
         let from = u64::from(block * seeds);
         let trials = seeds.min(args.trials - block * seeds);
-        let seed0 = args.seed0.saturating_add(from);
+        let seed0 = seed0.saturating_add(from);
         let out = out.join(format!("row-{row}-seed-{seed0}"));
         let out = quoted(&out.display().to_string());
         format!("{shared} --row {row} --seed0 {seed0} --trials {trials} --jobs 1 --out {out}")
@@ -91,7 +92,7 @@ mod tests {
             .chain(arguments)
             .map(|w| (*w).to_owned())
             .collect();
-        commands(&args, args.tasks.unwrap(), rows, &given)
+        commands(&args, args.seed0.unwrap_or(1), args.tasks.unwrap(), rows, &given)
     }
 
     #[test]

@@ -118,6 +118,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     }
     let flights = GridRun {
         study: "# alight envelope\n",
+        configuration: run::configuration_hash(&base.nodes),
         trials: grid.trials,
         seed0: args.seed0,
         jobs: args.jobs,
@@ -125,6 +126,7 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         shard: None,
         within: None,
         records_failed: false,
+        timed: false,
         alone: args.form.alone(),
     };
     let outcomes = run::fly_grid(&flights, &scenes)?;
