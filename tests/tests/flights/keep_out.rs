@@ -47,9 +47,9 @@ fn landing_next_to_a_mast() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
     // Approaches from the mast's side.
-    let (before, _) = land(&without, 10);
+    let (before, _) = land(&without, 33);
     assert_eq!(before.keep_out_collisions, Some(1));
-    let (after, _) = land(&with, 10);
+    let (after, _) = land(&with, 33);
     let gap = after.keep_out_gap_m.unwrap();
     assert!(after.success && gap > 0.5, "{gap} {}", after.reason);
 }

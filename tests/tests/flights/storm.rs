@@ -217,9 +217,10 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             let thrust = f64::from(id::ATTITUDE_TARGET);
             let faults = vec![
                 fault(FaultKind::StreamStops, Descent, 0.1, thrust, 60.0),
-                killed(FaultKind::LinkKilled, Flare, 1.05, 4.0),
+                killed(FaultKind::LinkKilled, Flare, 1.1, 4.0),
             ];
             let under_way = Storm {
+                seed: 5,
                 autopilot: Firmware::ArduCopter,
                 course: VesselCourse::Straight,
                 speed_mps: 3.0,
@@ -235,14 +236,15 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
                 fault(FaultKind::PlannerSlow, ClimbOut, 0.2, 0.02, 400.0),
             ];
             let held = Storm {
+                seed: 2,
                 faults,
                 ..faultless(FlightKind::TakeOff, Firmware::Px4)
             };
-            (held, StormRule::HardContact)
+            (held, StormRule::Water)
         }
         Mutant::TwoOwners => (two(Vec::new()), StormRule::TwoAtDeck),
         Mutant::DeckReleased => {
-            let frozen = killed(FaultKind::VesselFrozen, TrackingStable, 0.2, 10.0);
+            let frozen = killed(FaultKind::VesselFrozen, TrackingStable, 0.2, 25.0);
             (two(vec![frozen]), StormRule::TwoAtDeck)
         }
         Mutant::OldCheckpoint => {
