@@ -229,11 +229,19 @@ fn set_deck_motion(
 
 /// Flag as a shell reads it.
 pub fn written(name: &str, value: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "._,:+@/-".contains(c);
     match value {
         "" => format!("--{name}"),
-        v if v.chars().all(plain) => format!("--{name} {v}"),
-        v => format!("--{name} '{}'", v.replace('\'', "'\\''")),
+        v => format!("--{name} {}", quoted(v)),
+    }
+}
+
+/// Argument as a shell reads it.
+pub fn quoted(argument: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
+    if !argument.is_empty() && argument.chars().all(plain) {
+        argument.into()
+    } else {
+        format!("'{}'", argument.replace('\'', "'\\''"))
     }
 }
 

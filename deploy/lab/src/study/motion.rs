@@ -18,6 +18,7 @@ use alight_usv::computer::ComputerIn;
 use nalgebra::Vector3;
 
 use super::rows::StudyRow;
+use super::run::file_stem;
 use crate::report::document::write_files;
 
 const ABOUT: &str = "NAME.csv: true motion of the deck's centre every 0.02 s. roll_deg (starboard down), pitch_deg (bow up),
@@ -114,9 +115,7 @@ pub fn write(directory: &Path, rows: &[StudyRow], seed: u64, alone: bool) -> Res
         for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 {
             world.tick(&mut motion);
         }
-        let name: String = row
-            .scenario
-            .replace(|c: char| !c.is_ascii_alphanumeric() && c != '.', "-");
+        let name = file_stem(&row.scenario);
         let (truth, sensors) = (format!("{name}.csv"), format!("{name}-sensors.csv"));
         write_files(
             directory,

@@ -135,12 +135,12 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
 }
 
 pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
-    out.join("scenarios").join(file_name(scenario))
+    out.join("scenarios").join(file_stem(scenario) + ".toml")
 }
 
 /// Files in a study's directory for the non-default configurations of vessel and drone and keys of the method.
 pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
-    let name = file_name(&format!("{} {}", row.scenario, row.planner));
+    let name = file_stem(&format!("{} {}", row.scenario, row.planner)) + ".toml";
     ["vessel", "drone", "tuning"].map(|side| out.join("configs").join(side).join(&name))
 }
 
@@ -209,18 +209,9 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
     Ok(())
 }
 
-fn file_name(scenario: &str) -> String {
-    let safe: String = scenario
-        .chars()
-        .map(|c| {
-            if c.is_ascii_alphanumeric() || c == '.' {
-                c
-            } else {
-                '-'
-            }
-        })
-        .collect();
-    format!("{safe}.toml")
+/// Name of a file without its extension.
+pub fn file_stem(scenario: &str) -> String {
+    scenario.replace(|c: char| !c.is_ascii_alphanumeric() && c != '.', "-")
 }
 
 type TrialKey = (String, String, u64);
@@ -363,7 +354,7 @@ fn record_failed(
         let Some(row) = rows.iter().find(|r| r.is_of(o)) else {
             continue;
         };
-        let name = file_name(&format!("{} {}", o.sea, o.planner)).replace(".toml", "");
+        let name = file_stem(&format!("{} {}", o.sea, o.planner));
         let path = dir.join(format!("{name}-{}.mcap", o.seed));
         if path.exists() {
             continue;

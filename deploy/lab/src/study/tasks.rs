@@ -4,6 +4,7 @@
 use alight_computer::exit::CliError;
 
 use crate::args::StudyArgs;
+use crate::scene::quoted;
 
 /// Maximum number of commands: schedulers handle fewer and longer ones better.
 const TASKS: u64 = 100_000;
@@ -69,15 +70,6 @@ fn kept(given: &[String]) -> Vec<&str> {
         }
     }
     kept
-}
-
-fn quoted(argument: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
-    if !argument.is_empty() && argument.chars().all(plain) {
-        argument.into()
-    } else {
-        format!("'{}'", argument.replace('\'', "'\\''"))
-    }
 }
 
 #[cfg(test)]
