@@ -280,10 +280,9 @@ impl Movement {
             }
             Measurement::Gnss(_) => {}
         }
-        let steps = self.sensors.get(k).map(Sensor::steps).unwrap_or_default();
         for (witness, mut swing) in swings.into_iter().flatten() {
             // A number in steps that crosses one by a hair moves by a whole step.
-            let step = steps.get(witness).copied().unwrap_or_default();
+            let step = self.sensors.get(k).map_or(0.0, |s| s.step(witness));
             swing.amplitude = (swing.amplitude - 0.5 * step).max(0.0);
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
             for s in &mut self.sensors {
@@ -310,15 +309,12 @@ impl Movement {
 }
 
 impl Sensor {
-    /// Smallest recent change of each witness, SI; 0 of those that are integrals.
-    fn steps(&self) -> [f64; WITNESSES.len()] {
+    /// Smallest recent change of a witness, SI; 0 of an integral.
+    fn step(&self, witness: usize) -> f64 {
         use Channel::{Heading, Heave, Height, Tilt};
-        let mut steps = [0.0; WITNESSES.len()];
-        for (to, of) in steps.iter_mut().zip([Tilt, Tilt, Heading, Heave, Height]) {
-            let channel = self.channels.get(of as usize).copied().flatten();
-            *to = channel.and_then(|c| c.step).unwrap_or_default();
-        }
-        steps
+        let of = [Tilt, Tilt, Heading, Heave, Height].get(witness);
+        of.and_then(|c| self.channels.get(*c as usize)?.as_ref()?.step)
+            .unwrap_or_default()
     }
     fn channel(&mut self, channel: Channel, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
         if let Some(slot) = self.channels.get_mut(channel as usize) {
