@@ -401,8 +401,8 @@ const LABORATORY: Laboratory<'static> = {
     laboratory
 };
 
-/// Lines of JSON between this program and a planner that is another program.
-const LINES: &[schema::LineFormat] = {
+/// Lines of JSON between this program and planners and predictors that are other programs.
+const LINES: &[alight_shared::schema::LineFormat] = {
     #[cfg(feature = "lab")]
     let lines = &lab::exec::protocol::LINES;
     #[cfg(not(feature = "lab"))]

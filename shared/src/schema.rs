@@ -58,6 +58,9 @@ impl JsonSchema for F16 {
     }
 }
 
+/// Line of JSON between this program and another: name, version, schema.
+pub type LineFormat = (&'static str, u32, fn() -> Schema);
+
 /// Schema of a message type.
 pub fn of<T: JsonSchema>() -> Schema {
     let settings = SchemaSettings::draft2020_12().for_serialize();

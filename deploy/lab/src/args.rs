@@ -7,6 +7,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
+use alight_computer::exit::CliError;
 use alight_computer::process::args::{ViewArgs, mcap_file};
 use alight_computer::quantity::{duration_s, speed_mps};
 use alight_computer::terminal::Form;
@@ -21,6 +22,7 @@ use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use clap::{Arg, Args, Command, ValueEnum};
 
 use super::exec;
+use super::scene::{Scene, written};
 use super::study::definition;
 
 /// Parses flags after the name of a command, which comes first.
@@ -89,9 +91,8 @@ impl PlannerChoice {
 impl FromStr for PlannerChoice {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
-        match text.strip_prefix(exec::EXEC).map(str::trim) {
-            Some("") => Err("name its command: exec:python3 mine.py".into()),
-            Some(command) => Ok(PlannerChoice::Exec(command.into())),
+        match command(text) {
+            Some(command) => command.map(PlannerChoice::Exec),
             None => PlannerArg::from_str(text, false)
                 .map(PlannerChoice::Included)
                 .map_err(|_| "no planner of that name: alight, mpc-faa, mpc, mpc-ne or exec:COMMAND".into()),
@@ -117,6 +118,14 @@ fn planner() -> impl TypedValueParser<Value = PlannerChoice> {
         PlannerChoice::from_str,
         included.filter_map(ValueEnum::to_possible_value),
     )
+}
+
+/// Command of `exec:COMMAND`.
+fn command(text: &str) -> Option<Result<String, String>> {
+    Some(match text.strip_prefix(exec::EXEC)?.trim() {
+        "" => Err("name its command: exec:python3 mine.py".into()),
+        command => Ok(command.into()),
+    })
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
@@ -396,6 +405,10 @@ pub struct TrialArgs {
     /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
     #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
+    /// Program of yours that predicts the deck (alight help planners) [default: the drone's own predictor]
+    #[arg(long, value_name = "exec:COMMAND", conflicts_with = "record",
+          value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
+    pub predictor: Option<String>,
     /// Fly N landings, and print the success rate with its interval
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
           conflicts_with_all = ["plot", "record", "view"])]
@@ -420,6 +433,19 @@ pub struct TrialArgs {
     /// Output format.
     #[command(flatten)]
     pub form: Form,
+}
+
+impl TrialArgs {
+    /// Reads the scene's files, applies the flags, checks everything, and prints the remarks.
+    pub fn scene(&self) -> Result<Scene, CliError> {
+        let mut scene = Scene::of(&self.scene)?;
+        if let Some(command) = &self.predictor {
+            let own = exec::predictor::predictor(command);
+            scene.flags += &format!(" {}", written("predictor", own.name()));
+            scene.nodes.predictor = Some(own);
+        }
+        Ok(scene)
+    }
 }
 
 #[derive(Clone, Copy, Debug)]

@@ -267,6 +267,7 @@ fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfig
         drone: drone.drone,
         baseline: None,
         own: None,
+        predictor: None,
     };
     Ok((nodes, drone.view.knots))
 }

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::args::TrialArgs;
 use super::outcome_table;
-use super::scene::{Scene, stopwatch};
+use super::scene::stopwatch;
 
 /// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless
 /// standard error is a terminal. Results are in the order of the items, of some of them if the end is requested.
@@ -96,7 +96,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 }
 
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
-    let scene = Scene::of(&args.scene)?;
+    let scene = args.scene()?;
     // The first call installs the handler: a signal from here on ends the study with the landings flown so far.
     if end_requested() {
         return Ok(Exit::Failed);

@@ -1,48 +1,62 @@
-//! A law that is not part of this program: the caller makes it for each start of the planner.
+//! Planners and predictors that are not part of this program: the caller makes one for each start.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use alight_shared::msg::DeckForecast;
 use alight_shared::time::Span;
 use alight_uav::planner::law::Law;
+use alight_uav::predictor::PredictorIn;
 use alight_uav::settings::DroneSettings;
 
-/// Report of a law to the world that flies it.
+/// Report of a planner or predictor to the world that flies it.
 #[derive(Clone, Debug, Default)]
-pub struct LawReport(Arc<Mutex<ReportedLaw>>);
+pub struct OwnReport(Arc<Mutex<Reported>>);
 
 #[derive(Clone, Debug, Default)]
-pub struct ReportedLaw {
-    /// Reason why the law plans no more; the flight goes on without plans.
+pub struct Reported {
+    /// Reason why it has failed; the flight goes on without it.
     pub failure: Option<String>,
-    /// Reason why it has no plan now.
+    /// Reason why it has no plan or forecast now.
     pub none: Option<String>,
     /// Solve time of the newest plan; None: that of the scenario.
     pub solve: Option<Span>,
 }
 
-impl LawReport {
-    pub fn get(&self) -> MutexGuard<'_, ReportedLaw> {
+impl OwnReport {
+    /// Reason why there is no plan or forecast.
+    pub fn failure(&self) -> Option<String> {
+        let report = self.get();
+        let none = || Some(format!("has no answer: {}", report.none.as_ref()?));
+        report.failure.clone().or_else(none)
+    }
+    pub fn get(&self) -> MutexGuard<'_, Reported> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-type MakeLaw = dyn Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync;
-
+/// Corrects each forecast of the drone's own predictor; it sees the inputs of all steps.
+pub type Predict = dyn FnMut(&PredictorIn, &mut Option<DeckForecast>);
 /// Planner under test. Mission and predictor have the drone's own settings.
-#[derive(Clone)]
-pub struct OwnLaw {
+pub type OwnLaw = OwnPart<dyn Law>;
+/// Predictor under test.
+pub type OwnPredictor = OwnPart<Predict>;
+
+type Make<T> = dyn Fn(&DroneSettings, &OwnReport) -> Box<T> + Send + Sync;
+
+/// Part of the drone that is not part of this program.
+pub struct OwnPart<T: ?Sized> {
     name: String,
-    make: Arc<MakeLaw>,
+    make: Arc<Make<T>>,
 }
 
-impl OwnLaw {
-    /// `name`: planner in the outcomes.
+impl<T: ?Sized> OwnPart<T> {
+    /// `name`: planner or predictor in the outcomes.
     pub fn new(
         name: impl Into<String>,
-        make: impl Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync + 'static,
-    ) -> OwnLaw {
-        OwnLaw {
+        make: impl Fn(&DroneSettings, &OwnReport) -> Box<T> + Send + Sync + 'static,
+    ) -> Self {
+        OwnPart {
             name: name.into(),
             make: Arc::new(make),
         }
@@ -50,18 +64,24 @@ impl OwnLaw {
     pub fn name(&self) -> &str {
         &self.name
     }
-    pub fn law(&self, drone: &DroneSettings, report: &LawReport) -> Box<dyn Law> {
+    pub fn start(&self, drone: &DroneSettings, report: &OwnReport) -> Box<T> {
         (self.make)(drone, report)
     }
 }
 
-impl fmt::Debug for OwnLaw {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("OwnLaw").field(&self.name).finish()
+impl<T: ?Sized> Clone for OwnPart<T> {
+    fn clone(&self) -> Self {
+        let (name, make) = (self.name.clone(), self.make.clone());
+        OwnPart { name, make }
     }
 }
-impl PartialEq for OwnLaw {
-    fn eq(&self, other: &OwnLaw) -> bool {
+impl<T: ?Sized> fmt::Debug for OwnPart<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("OwnPart").field(&self.name).finish()
+    }
+}
+impl<T: ?Sized> PartialEq for OwnPart<T> {
+    fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
 }

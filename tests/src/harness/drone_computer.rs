@@ -17,7 +17,7 @@ use super::observer::WorldObserver;
 use super::physics::{DRONE_ID, Physics};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::baselines::own::LawReport;
+use crate::baselines::own::{OwnReport, Predict};
 use crate::radio::{ChannelCounts, Session};
 use crate::sensors::bytes::boat::RECEIVER;
 use crate::sensors::delay::DelayLine;
@@ -114,8 +114,11 @@ pub struct SimulatedDroneComputer {
     pub(super) is_dead: bool,
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
-    /// Report of a planner's law that is not part of this program.
-    law: LawReport,
+    /// Report of a planner that is not part of this program.
+    law: OwnReport,
+    /// Predictor that is not part of this program, and its report.
+    own_predictor: Option<Box<Predict>>,
+    predicted: OwnReport,
     solve_delay: Span,
     pub(super) slower: Span,
     outside: Outside,
@@ -182,7 +185,7 @@ fn start(
     process: ProcessKind,
     (bus, nodes): (&LockStep, &NodeConfigs),
     installed: (&DroneNodes, u32),
-    report: &LawReport,
+    report: &OwnReport,
 ) {
     let Ok(()) = rows.start(process, &bus.of(process), installed);
     if process == ProcessKind::Planner {
@@ -223,7 +226,9 @@ impl SimulatedDroneComputer {
         let render = &scenario.sensors.render;
         let Ok(kept) = Republisher::join(&bus, CheckpointStore::default());
         let Ok(observer) = Observer::join(&bus);
-        let law = LawReport::default();
+        let (law, predicted) = (OwnReport::default(), OwnReport::default());
+        let own_predictor = nodes.predictor.as_ref();
+        let own_predictor = own_predictor.map(|own| own.start(&made.drone, &predicted));
         let mut rows = DroneRows {
             // The mission's process was running before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),
@@ -260,6 +265,8 @@ impl SimulatedDroneComputer {
             stood_still_until: Time::EPOCH,
             plans: DelayLine::new(MAX_PLANS),
             law,
+            own_predictor,
+            predicted,
             solve_delay: Span::from_secs(scenario.solve_delay_s),
             slower: Span::ZERO,
             outside: Outside::join(&bus),
@@ -507,11 +514,12 @@ impl SimulatedDroneComputer {
         header.at += self.ahead;
         header
     }
-    /// Reason why a planner that is not part of this program has no plan.
-    pub fn planner_failure(&self) -> Option<String> {
-        let report = self.law.get();
-        let none = || Some(format!("has no plan: {}", report.none.as_ref()?));
-        report.failure.clone().or_else(none)
+    /// Why a planner or predictor that is not part of this program has no answer.
+    pub fn own_failures(&self) -> impl Iterator<Item = String> {
+        let of = |(part, report): (_, &OwnReport)| Some(format!("{part}: {}", report.failure()?));
+        [("planner", &self.law), ("predictor", &self.predicted)]
+            .into_iter()
+            .filter_map(of)
     }
     /// Last reported time armed on the deck without an order, s.
     pub fn still_armed_s(&self) -> Option<f64> {

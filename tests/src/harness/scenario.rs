@@ -19,7 +19,7 @@ use self::draws::DrawConfig;
 use self::foresight::ForesightConfig;
 use super::storm::fault::Fault;
 use crate::baselines::Baseline;
-use crate::baselines::own::{LawReport, OwnLaw};
+use crate::baselines::own::{OwnLaw, OwnPredictor, OwnReport};
 use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
 use crate::physics::drone::DroneConfig;
 use crate::physics::sea::SeaConfig;
@@ -236,6 +236,8 @@ pub struct NodeConfigs {
     pub baseline: Option<Baseline>,
     /// Replaces the law of the drone's planner, or of the baseline.
     pub own: Option<OwnLaw>,
+    /// Corrects the forecasts of the drone's predictor.
+    pub predictor: Option<OwnPredictor>,
 }
 
 impl NodeConfigs {
@@ -245,9 +247,9 @@ impl NodeConfigs {
         self.own.as_ref().map_or(included, OwnLaw::name)
     }
     /// The planner as a node; a law that is not part of this program reports to `report`.
-    pub fn planner(&self, boot: u32, report: &LawReport) -> Planner {
+    pub fn planner(&self, boot: u32, report: &OwnReport) -> Planner {
         let (config, drone, deck) = (&self.drone.planner, &self.drone.airframe, &self.drone.deck);
-        let own = self.own.as_ref().map(|own| own.law(&self.drone, report));
+        let own = self.own.as_ref().map(|own| own.start(&self.drone, report));
         match own.or_else(|| Some(self.baseline.as_ref()?.law(config, drone))) {
             None => Planner::new(config, drone, deck, boot),
             Some(law) => Planner::with_law(law, config, drone, deck, boot),

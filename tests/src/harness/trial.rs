@@ -136,8 +136,8 @@ pub fn land(
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     [outcome.likelihood, outcome.harm] = odds;
-    if let Some(why) = rig.world.drones()[0].planner_failure() {
-        outcome.reason += &format!("; planner: {why}");
+    for why in rig.world.drones()[0].own_failures() {
+        outcome.reason += &format!("; {why}");
     }
     outcome.digest = format!("{:016x}", rig.world.physics().digest());
     for _ in 0..(scenario.stay_s / TICK.secs()) as u64 {

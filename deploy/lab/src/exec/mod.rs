@@ -1,7 +1,9 @@
-//! `--planner exec:COMMAND`: a planner that is another program. Each plan period it gets a line and answers
-//! with a line ([`protocol`]). Once it has failed to answer, the flight goes on without plans.
+//! `--planner exec:COMMAND` and `--predictor exec:COMMAND`: planners and predictors that are other programs.
+//! Each period a program gets a line and answers with a line ([`protocol`]). Once it has failed to answer, the
+//! flight goes on without plans, or without forecasts.
 
 mod child;
+pub mod predictor;
 pub mod protocol;
 #[cfg(test)]
 mod tests;
@@ -10,7 +12,7 @@ use alight_computer::terminal::note;
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
-use alight_sim::baselines::own::{LawReport, OwnLaw, ReportedLaw};
+use alight_sim::baselines::own::{OwnLaw, OwnReport, Reported};
 use alight_uav::planner::law::Law;
 use alight_uav::planner::model::ModelState;
 use alight_uav::planner::reference::PlanReference;
@@ -18,6 +20,7 @@ use alight_uav::settings::DroneSettings;
 
 use child::{AnswerLimits, AnsweringChild};
 use protocol::{Answer, Limits, PlannerAnswer, PlannerInput};
+use serde::Serialize;
 
 /// Beginning of the planner's name on the command line and in outcomes.
 pub const EXEC: &str = "exec:";
@@ -34,7 +37,7 @@ pub fn planner(command: &str) -> OwnLaw {
 struct ExecLaw {
     /// None after a failure.
     child: Option<AnsweringChild>,
-    report: LawReport,
+    report: OwnReport,
     limits: Limits,
     drone: Option<DroneState>,
     /// End of the newest solve that took longer than a period.
@@ -44,11 +47,9 @@ struct ExecLaw {
 }
 
 impl ExecLaw {
-    fn start(command: &str, drone: &DroneSettings, report: &LawReport) -> ExecLaw {
-        let started = AnsweringChild::start(command, AnswerLimits::default());
-        let child = started.map_err(|why| fail(report, why)).ok();
+    fn start(command: &str, drone: &DroneSettings, report: &OwnReport) -> ExecLaw {
         ExecLaw {
-            child,
+            child: start(command, report, PLANS),
             report: report.clone(),
             limits: Limits::of(&drone.planner, &drone.airframe),
             drone: None,
@@ -61,9 +62,7 @@ impl ExecLaw {
         now: Time<DroneClock>,
         input: &PlannerInput<'_>,
     ) -> Option<Result<(Answer, Span), String>> {
-        let child = self.child.as_mut()?;
-        let line = serde_json::to_string(input).map_err(|e| format!("cannot be asked: {e}"));
-        let asked = line.and_then(|line| child.ask(line + "\n"));
+        let asked = ask(self.child.as_mut()?, input);
         Some(asked.and_then(|(line, took)| Ok((PlannerAnswer::read(&line, now)?, took))))
     }
 }
@@ -91,7 +90,7 @@ impl Law for ExecLaw {
         let input = PlannerInput::of(now, (mission, &drone), forecast, self.limits);
         let answered = self.answer(now, &input)?;
         self.common = matches!(answered, Ok((Answer::Common, _)));
-        *self.report.get() = ReportedLaw::default();
+        *self.report.get() = Reported::default();
         match answered {
             Ok((Answer::Plan(plan, stated), measured)) => {
                 let solve = stated.unwrap_or(measured);
@@ -104,7 +103,7 @@ impl Law for ExecLaw {
             Ok((Answer::None(why), _)) => self.report.get().none = Some(why),
             Ok((Answer::Common, _)) => {}
             Err(why) => {
-                fail(&self.report, why);
+                fail(&self.report, PLANS, why);
                 self.child = None;
             }
         }
@@ -112,10 +111,22 @@ impl Law for ExecLaw {
     }
 }
 
-fn fail(report: &LawReport, why: String) {
-    note(
-        true,
-        format_args!("the planner {why}: the flight goes on without plans"),
-    );
+/// Name of a program, and what the flight goes on without once it has failed.
+type Part = [&'static str; 2];
+const PLANS: Part = ["planner", "plans"];
+
+fn start(command: &str, report: &OwnReport, part: Part) -> Option<AnsweringChild> {
+    let started = AnsweringChild::start(command, AnswerLimits::default());
+    started.map_err(|why| fail(report, part, why)).ok()
+}
+
+fn ask(child: &mut AnsweringChild, input: &impl Serialize) -> Result<(Vec<u8>, Span), String> {
+    let line = serde_json::to_string(input).map_err(|e| format!("cannot be asked: {e}"))?;
+    child.ask(line + "\n")
+}
+
+fn fail(report: &OwnReport, [name, answers]: Part, why: String) {
+    let text = format_args!("the {name} {why}: the flight goes on without {answers}");
+    note(true, text);
     report.get().failure = Some(why);
 }

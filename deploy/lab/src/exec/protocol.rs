@@ -1,15 +1,18 @@
-//! Lines between the program and a planner that is another program: JSON, one object a line.
+//! Lines between the program and planners and predictors that are other programs: JSON, one object a line.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
-use alight_shared::schema;
+use alight_shared::schema::{self, LineFormat};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::planner::PlannerConfig;
-use schemars::{JsonSchema, Schema};
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+
+use super::predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};
 
 /// Version of both lines; a program that answers with another one is rejected.
 pub const PLANNER_VERSION: u32 = 1;
@@ -19,17 +22,24 @@ const MAX_REASON: usize = 200;
 const MAX_SOLVE_S: f64 = 5.0;
 const MAX_STEP_S: f64 = 1.0;
 
-/// Line of JSON: name, version, schema.
-pub type LineFormat = (&'static str, u32, fn() -> Schema);
-
-/// Both lines, for `alight config schema`.
-pub const LINES: [LineFormat; 2] = [
+/// The lines, for `alight config schema`.
+pub const LINES: [LineFormat; 4] = [
     (
         "planner-input",
         PLANNER_VERSION,
         schema::of::<PlannerInput<'static>>,
     ),
     ("planner-answer", PLANNER_VERSION, schema::of::<PlannerAnswer>),
+    (
+        "predictor-input",
+        PREDICTOR_VERSION,
+        schema::of::<PredictorInput<'static>>,
+    ),
+    (
+        "predictor-answer",
+        PREDICTOR_VERSION,
+        schema::of::<PredictorAnswer>,
+    ),
 ];
 
 /// Input of a planner that is another program, once a plan period.
@@ -110,6 +120,19 @@ pub struct PredictedDeck<'a> {
 }
 const _: () = assert!(FORECAST_STAGES == 41 && PLAN_STAGES == 41);
 
+impl<'a> PredictedDeck<'a> {
+    pub fn of(f: &'a DeckForecast) -> PredictedDeck<'a> {
+        PredictedDeck {
+            time_s: f.header.at.secs(),
+            step_s: f.step.secs(),
+            radio_age_s: f.radio_age_s,
+            vision_age_s: f.vision_age_s,
+            mean_z: f.mean_z,
+            stages: &f.stages,
+        }
+    }
+}
+
 /// Limits of the drone and of a plan.
 #[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
 pub struct Limits {
@@ -169,14 +192,7 @@ impl<'a> PlannerInput<'a> {
                 position_sd: d.position_sd,
                 velocity_sd: d.velocity_sd,
             },
-            forecast: forecast.map(|f| PredictedDeck {
-                time_s: f.header.at.secs(),
-                step_s: f.step.secs(),
-                radio_age_s: f.radio_age_s,
-                vision_age_s: f.vision_age_s,
-                mean_z: f.mean_z,
-                stages: &f.stages,
-            }),
+            forecast: forecast.map(PredictedDeck::of),
             limits,
             wind: d.wind,
             disturbance: d.disturbance,
@@ -234,6 +250,19 @@ pub struct AnsweredStage {
     pub euler_rates: Option<[f64; 3]>,
 }
 
+pub fn parsed<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(line).map_err(|e| {
+        let begin: String = String::from_utf8_lossy(line).chars().take(40).collect();
+        format!("answered {begin:?}, which is not its line of JSON ({e})")
+    })
+}
+pub fn of_version(version: u32, wanted: u32) -> Result<(), String> {
+    match version == wanted {
+        true => Ok(()),
+        false => Err(format!("answered in version {version} instead of {wanted}")),
+    }
+}
+
 #[derive(Debug)]
 pub enum Answer {
     /// Plan with its stated solve time.
@@ -245,16 +274,8 @@ pub enum Answer {
 impl PlannerAnswer {
     /// Reads and checks the line that answers the input of `now`.
     pub fn read(line: &[u8], now: Time<DroneClock>) -> Result<Answer, String> {
-        let answer: PlannerAnswer = serde_json::from_slice(line).map_err(|e| {
-            let begin: String = String::from_utf8_lossy(line).chars().take(40).collect();
-            format!("answered {begin:?}, which is not its line of JSON ({e})")
-        })?;
-        if answer.version != PLANNER_VERSION {
-            let version = answer.version;
-            return Err(format!(
-                "answered in version {version} instead of {PLANNER_VERSION}"
-            ));
-        }
+        let answer: PlannerAnswer = parsed(line)?;
+        of_version(answer.version, PLANNER_VERSION)?;
         answer
             .checked(now)
             .map_err(|e| format!("answered with an invalid {e}"))

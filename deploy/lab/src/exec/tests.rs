@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use alight_shared::msg::Plan;
+use alight_shared::msg::{DeckForecast, DeckStage, Plan};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::TrueTime;
@@ -13,6 +13,7 @@ use alight_sim::harness::trial::{Watch, fly_with, outcome};
 use alight_uav::planner::PlannerOut;
 
 use super::child::{AnswerLimits, AnsweringChild};
+use super::predictor::PredictorAnswer;
 use super::protocol::{Answer, AnsweredStage, PlannerAnswer};
 use super::*;
 
@@ -112,6 +113,60 @@ fn flown(scenario: &Scenario, command: &str, seed: u64) -> Outcome {
         ..NodeConfigs::default()
     };
     outcome(scenario, &nodes, seed, "").unwrap()
+}
+fn predicted(command: &str) -> Outcome {
+    let nodes = NodeConfigs {
+        predictor: Some(predictor::predictor(command)),
+        ..NodeConfigs::default()
+    };
+    outcome(&Scenario::default(), &nodes, 1, "").unwrap()
+}
+
+#[test]
+fn flights_by_forecasts_of_another_program() {
+    let program = |answer: &str| {
+        let text = format!(
+            "import json, sys\nfor line in sys.stdin:\n    print(json.dumps({answer}), flush=True)\n"
+        );
+        let file = std::env::temp_dir().join(format!("alight-predictor-{}.py", std::process::id()));
+        std::fs::write(&file, text).unwrap();
+        let outcome = predicted(&format!("python3 {}", file.display()));
+        std::fs::remove_file(&file).unwrap();
+        outcome
+    };
+    let echoed = program("{'version': 1, 'stages': json.loads(line)['forecast']['stages']}");
+    let included = outcome(&Scenario::default(), &NodeConfigs::default(), 1, "").unwrap();
+    assert!(included.success && echoed.digest == included.digest, "{echoed:?}");
+    let none = program("{'version': 1, 'none': 'no idea'}");
+    assert!(!none.success && none.unsafe_contacts == 0, "{none:?}");
+    let why = "; predictor: has no answer: no idea";
+    assert!(none.reason.ends_with(why), "{}", none.reason);
+}
+
+#[test]
+fn forecasts_that_are_rejected() {
+    let own = DeckForecast::default();
+    for (answer, why) in [
+        (r#"{"version":2}"#, "answered in version 2 instead of 1"),
+        (
+            r#"{"version":1}"#,
+            "answered with an invalid choice: give one of stages and none",
+        ),
+        (
+            r#"{"version":1,"stages":[{"position":[0,0]}]}"#,
+            "which is not its line of JSON",
+        ),
+        (
+            &format!(
+                r#"{{"version":1,"stages":[{}]}}"#,
+                serde_json::to_string(&DeckStage::default()).unwrap()
+            ),
+            "answered with 1 stages instead of 0",
+        ),
+    ] {
+        let rejected = PredictorAnswer::read(answer.as_bytes(), &own).unwrap_err();
+        assert!(rejected.contains(why), "{rejected}");
+    }
 }
 
 #[test]

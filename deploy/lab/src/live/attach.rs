@@ -10,7 +10,7 @@ use alight_computer::process::args::ProcessArgs;
 use alight_computer::process::run;
 use alight_computer::vessel::estimator;
 use alight_shared::config;
-use alight_sim::baselines::own::LawReport;
+use alight_sim::baselines::own::OwnReport;
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::radio::Direction;
 use alight_transport::memory::Instance;
@@ -77,7 +77,7 @@ pub fn run(attach: &AttachArgs) -> Result<Exit, CliError> {
                     own: exec.as_deref().map(exec::planner),
                     ..NodeConfigs::default()
                 };
-                configs.planner(boot, &LawReport::default())
+                configs.planner(boot, &OwnReport::default())
             };
             run::run(args, make, ())
         }

@@ -102,6 +102,7 @@ pub fn write(directory: &Path, rows: &[StudyRow], seed: u64, alone: bool) -> Res
     for row in rows.iter().filter(|r| written.insert(&r.scenario)) {
         let nodes = NodeConfigs {
             own: None,
+            predictor: None,
             ..row.nodes.clone()
         };
         let doing = format_args!("setting up the scene {} with seed {seed}", row.scenario);

@@ -1,11 +1,11 @@
-//! `alight config schema`: the messages on Zenoh and iceoryx2 and the lines of planners, for other programs.
+//! `alight config schema`: the messages on Zenoh and iceoryx2 and the lines of planners and predictors, for other programs.
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::table::{Cell, Table};
 use alight_computer::terminal::{self, WIDTH, wrap};
 use alight_shared::msg::MESSAGE_VERSION;
-use alight_shared::schema;
+use alight_shared::schema::{self, LineFormat};
 use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
 use schemars::Schema;
@@ -26,9 +26,6 @@ pub struct SchemaArgs {
     #[arg(long)]
     pub json: bool,
 }
-
-/// Line of JSON between this program and another: name, version, schema.
-pub type LineFormat = (&'static str, u32, fn() -> Schema);
 
 /// `lines`: formats in addition to the topics.
 pub fn run(args: &SchemaArgs, lines: &[LineFormat]) -> Result<Exit, CliError> {

@@ -4,7 +4,7 @@ use core::mem::swap;
 
 use super::{MAX_WAITING, Moment, SimulatedDroneComputer, Uplink, due};
 use crate::autopilots::simulated::mode_number;
-use crate::baselines::own::LawReport;
+use crate::baselines::own::OwnReport;
 use crate::harness::bus::LockStep;
 use crate::harness::edge::edge;
 use crate::harness::foresight::{Foresight, OdometryError};
@@ -33,7 +33,7 @@ struct SolveTime<'a> {
     /// Solve time, unless the law reports another, and what a fault adds.
     delay: Span,
     slower: Span,
-    law: &'a LawReport,
+    law: &'a OwnReport,
     plans: &'a mut DelayLine<Plan>,
 }
 
@@ -193,14 +193,18 @@ impl SimulatedDroneComputer {
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let truth = physics.drone(self.k);
+        let process = self.process(ProcessKind::Predictor);
+        let own = &mut self.own_predictor;
         let correct = |input: &PredictorIn, out: &mut PredictorOut| {
+            if let Some(own) = own {
+                own(input, &mut out.forecast);
+            }
             let of = |(d, truth)| OdometryError::of(&d, now, &truth);
             let believed = input.drone.zip(truth).map(of).unwrap_or_default();
             if let (Some(foresight), Some(forecast)) = (foresight, &mut out.forecast) {
                 foresight.correct(forecast, &clock, &believed);
             }
         };
-        let process = self.process(ProcessKind::Predictor);
         let mut edge = edge::<Predictor>(|_| {}, correct);
         step(&mut self.rows.predictor, process, (t, now), &mut edge, observer);
     }

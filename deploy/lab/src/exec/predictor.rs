@@ -1,0 +1,137 @@
+//! `--predictor exec:COMMAND`: a predictor that is another program. It predicts the deck's motion; the drone's own
+//! predictor keeps the ages, the identity and the mean of the deck.
+
+use alight_shared::msg::{
+    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, Seq, TagPose, VesselEstimate,
+    WaveModel,
+};
+use alight_shared::time::DroneClock;
+use alight_sim::baselines::own::{OwnPredictor, OwnReport};
+use alight_uav::predictor::PredictorIn;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::child::AnsweringChild;
+use super::protocol::{PredictedDeck, of_version, parsed};
+use super::{EXEC, Part, ask, fail, start};
+
+/// Version of both lines; a program that answers with another one is rejected.
+pub const PREDICTOR_VERSION: u32 = 1;
+const FORECASTS: Part = ["predictor", "forecasts"];
+/// Detections kept between two forecasts.
+const MAX_TAGS: usize = 64;
+
+/// Input of a predictor that is another program, once a forecast. Times of messages are on the drone's clock.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct PredictorInput<'a> {
+    /// Version of this format.
+    pub version: u32,
+    /// The vessel's newest estimate by radio; null before the first.
+    pub estimate: Option<&'a VesselEstimate<DroneClock>>,
+    /// The vessel's newest wave model by radio; null before the first.
+    pub wave: Option<&'a WaveModel<DroneClock>>,
+    /// State of the drone at the newest odometry.
+    pub drone: Option<&'a DroneState>,
+    /// Detections by the camera since the previous line.
+    #[schemars(length(max = 64))]
+    pub tags: &'a [TagPose],
+    /// Forecast of the drone's own predictor, with the times to predict.
+    pub forecast: PredictedDeck<'a>,
+}
+
+/// Answer of a predictor that is another program: `stages`, or `none`.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PredictorAnswer {
+    /// Version of this format.
+    pub version: u32,
+    /// Deck with standard deviations, at the times of the input's stages.
+    #[serde(default)]
+    #[schemars(length(max = 41))]
+    pub stages: Option<Vec<DeckStage>>,
+    /// Reason why there is no forecast now.
+    #[serde(default)]
+    #[schemars(length(max = 200))]
+    pub none: Option<String>,
+}
+
+impl PredictorAnswer {
+    /// The forecast with the answered stages, or the reason why there is none now.
+    pub(super) fn read(line: &[u8], own: &DeckForecast) -> Result<Result<DeckForecast, String>, String> {
+        let answer: PredictorAnswer = parsed(line)?;
+        of_version(answer.version, PREDICTOR_VERSION)?;
+        let stages = match (answer.stages, answer.none) {
+            (Some(stages), None) => stages,
+            (None, Some(why)) => return Ok(Err(why.chars().take(200).collect())),
+            (None, None) | (Some(_), Some(_)) => {
+                return Err("answered with an invalid choice: give one of stages and none".into());
+            }
+        };
+        let (given, wanted) = (stages.len(), own.stages.len());
+        if given != wanted {
+            return Err(format!("answered with {given} stages instead of {wanted}"));
+        }
+        let forecast = DeckForecast {
+            stages: Seq::<_, FORECAST_STAGES>::filled(stages),
+            ..*own
+        };
+        let sound = forecast.check();
+        sound.map_err(|field| format!("answered with an invalid {field}: a number is out of range"))?;
+        Ok(Ok(forecast))
+    }
+}
+
+/// Predictor by the program that `command` starts; each flight starts its own.
+pub fn predictor(command: &str) -> OwnPredictor {
+    let own = command.to_owned();
+    OwnPredictor::new(format!("{EXEC}{command}"), move |_, report| {
+        let mut exec = ExecPredictor {
+            child: start(&own, report, FORECASTS),
+            report: report.clone(),
+            ..ExecPredictor::default()
+        };
+        Box::new(move |input, forecast| exec.step(input, forecast))
+    })
+}
+
+#[derive(Debug, Default)]
+struct ExecPredictor {
+    /// None after a failure.
+    child: Option<AnsweringChild>,
+    report: OwnReport,
+    /// Newest input of each kind, and the detections since the previous line.
+    newest: PredictorIn,
+}
+
+impl ExecPredictor {
+    fn step(&mut self, input: &PredictorIn, forecast: &mut Option<DeckForecast>) {
+        let newest = &mut self.newest;
+        newest.estimate = input.estimate.or(newest.estimate);
+        newest.wave = input.wave.or(newest.wave);
+        newest.drone = input.drone.or(newest.drone);
+        newest.tags.extend_from_slice(&input.tags);
+        let excess = newest.tags.len().saturating_sub(MAX_TAGS);
+        newest.tags.drain(..excess);
+        let Some(own) = forecast.take() else { return };
+        let Some(child) = &mut self.child else { return };
+        let line = PredictorInput {
+            version: PREDICTOR_VERSION,
+            estimate: newest.estimate.as_ref(),
+            wave: newest.wave.as_ref(),
+            drone: newest.drone.as_ref(),
+            tags: &newest.tags,
+            forecast: PredictedDeck::of(&own),
+        };
+        let answer = ask(child, &line).and_then(|(line, _)| PredictorAnswer::read(&line, &own));
+        newest.tags.clear();
+        self.report.get().none = None;
+        match answer {
+            Ok(Ok(answered)) => *forecast = Some(answered),
+            Ok(Err(why)) => self.report.get().none = Some(why),
+            Err(why) => {
+                fail(&self.report, FORECASTS, why);
+                self.child = None;
+            }
+        }
+    }
+}
