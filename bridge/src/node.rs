@@ -265,8 +265,8 @@ impl Bridge {
             Boot::Current => false,
             Boot::First => true,
             Boot::Second => return Err(RejectionReason::SecondSender),
-            // After a restart, times go on from where they were. If the vessel's clock went back, the first
-            // reply to our request proves the new boot.
+            // After a restart, times continue from their former values. If the vessel's clock was set back,
+            // the first reply to our request proves the new boot.
             Boot::Next if self.newest.is_some_and(|n| header.at > n) => true,
             Boot::Next | Boot::Other => return Err(RejectionReason::Boot),
         };

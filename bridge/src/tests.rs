@@ -88,7 +88,8 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
     step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
-/// Bridge after `seconds` of exchanges, and the time then; `delays` of request and reply per 10 ms step.
+/// Bridge after `seconds` of exchanges, and the time at their end; `delays` returns those of request and
+/// reply for each 10 ms step.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();

@@ -21,7 +21,7 @@ const NEAR_DEG: f64 = 0.002;
 pub struct Undulation {
     /// EGM96 to degree 360, m, positive up.
     pub height_m: f64,
-    /// Standard deviation of a receiver's undulation about `height_m`, m; constant, does not average out.
+    /// Standard deviation of a receiver's undulation about `height_m`, m: a constant error that averaging does not reduce.
     pub sigma_m: f64,
 }
 

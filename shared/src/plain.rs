@@ -1,4 +1,5 @@
-//! Plain data that may be transported in shared memory, with each type's topic. Another crate transports it.
+//! Plain data that may be transported in shared memory, with the topic of each type. Another crate implements
+//! the transport.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;
@@ -89,7 +90,7 @@ mod tests {
         [size_of::<Option<T>>(), inside - from_ref(&some).addr()]
     }
 
-    /// The rules of deploy/docs/radio.md, by which other programs read shared memory.
+    /// Rules by which other programs read shared memory (deploy/docs/radio.md).
     #[test]
     fn optional_values_in_memory() {
         // A tag as wide as the alignment, and then the value.

@@ -1,4 +1,4 @@
-//! TOML reader that rejects surplus list items: the type `[f64; 3]` itself ignores a fourth number.
+//! TOML reader that rejects surplus list items; serde's `[f64; 3]` would silently ignore a fourth number.
 
 use core::fmt::Display;
 
@@ -36,7 +36,7 @@ pub(super) fn read<T: DeserializeOwned>(
         origin: origin.into(),
         message,
     };
-    // The first reading gives errors with line and column, the second knows keys and lengths.
+    // The first pass gives errors with line and column; the second knows keys and lengths.
     let read: T = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let table: Table = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let again = T::deserialize(Whole {
@@ -60,7 +60,7 @@ pub(super) fn read<T: DeserializeOwned>(
     }
 }
 
-/// `keep_out_deg` from `keep_out_deg[0]`; a key in a list of tables stays.
+/// Turns `keep_out_deg[0]` into `keep_out_deg`; leaves a key inside a list of tables unchanged.
 fn without_index(key: &str) -> &str {
     match key.split_once('[') {
         Some((name, index)) if !index.contains('.') => name,

@@ -364,7 +364,7 @@ impl Belief {
 
     /// Rotates the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with waves and
     /// disturbances, and the mean velocity. Trim (the slow state of roll and pitch), additional states and
-    /// yaw are fixed to the body and stay.
+    /// yaw are fixed to the body and remain unchanged.
     pub fn turn(&mut self, delta: f64) {
         let (s, c) = delta.sin_cos();
         let before = self.clone();

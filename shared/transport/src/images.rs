@@ -16,7 +16,7 @@ use crate::{TransportContext, TransportError};
 const BUFFER: usize = 2;
 /// Number of images held by a reader: the present one and its successor.
 const BORROWED: usize = 2;
-/// Maximum number of publishers and of readers; killed processes occupy theirs for a while.
+/// Maximum number of publishers and of readers; a killed process occupies its ports until they are cleaned up.
 const PORTS: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -28,7 +28,7 @@ const MAX_MESSAGE_BYTES: u32 = 16_384;
 const SESSIONS_PER_PEER: usize = 2;
 /// Additional sessions for peers that restart repeatedly.
 const SPARE_SESSIONS: usize = 8;
-/// Capacity of a stream's socket, bytes, with the system's overhead of about as much.
+/// Capacity of a stream's socket, bytes, to which the system adds about as much for overhead.
 const SOCKET_BYTES: u32 = 16_384;
 
 config! {
