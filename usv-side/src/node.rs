@@ -20,7 +20,7 @@ use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
 /// Maximum number of inputs of one kind per step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
-/// Maximum time of a measurement ahead of `now` (rounding of stamps), s.
+/// Maximum time by which a measurement may lie ahead of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
 /// Silence after which the next inertial (or attitude) sensor is used, s; earlier would mix their samples.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
@@ -49,10 +49,8 @@ impl From<Readings> for VesselIn {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
     pub estimate: Option<VesselEstimate<VesselClock>>,
-    /// Radio form of the estimate.
     pub estimate_update: Option<EstimateUpdate<VesselClock>>,
     pub wave: Option<WaveModel<VesselClock>>,
-    /// Radio form of the wave model.
     pub wave_update: Option<WaveUpdate<VesselClock>>,
     pub prediction: Option<VesselPrediction<VesselClock>>,
     /// Obstacles around the deck, when due; None without obstacles.

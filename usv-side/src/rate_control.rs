@@ -6,8 +6,8 @@
 //! queueing delay. Loss is no sign of congestion, because a bad link loses messages at any rate. The rate
 //! rises quickly to the last point of congestion, slowly beyond it, and falls by a factor (Jacobson 1988).
 //!
-//! All drones receive one broadcast. The worst link limits its rate; during a descent, the descending drone's
-//! alone: a drone that connects in the meantime waits.
+//! All drones receive one broadcast. The worst link limits its rate; during a descent only the descending
+//! drone's link does, and a drone that connects in the meantime waits.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};

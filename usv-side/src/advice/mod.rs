@@ -8,8 +8,8 @@
 //! The slopes that move a landed drone are those of the last two minutes, as in the drone's own calculation,
 //! scaled on another course by the ratio of the modelled deviations.
 //!
-//! A change costs the time until the new course is steady, at the price of waiting in the drone's mission
-//! ([`WAITING_COST_PER_MIN`]).
+//! A change of course costs the time until the new course is steady, at the rate at which waiting costs in
+//! the drone's mission ([`WAITING_COST_PER_MIN`]).
 //!
 //! One course is evaluated per step to keep steps short; a round begins every [`PERIOD_S`].
 
@@ -199,7 +199,7 @@ impl Advisor {
         }
     }
 
-    /// All courses of the last round, present one first; empty before a sea is estimated.
+    /// All courses of the last round, the present one first; empty before a sea is estimated.
     pub fn outlooks(&self) -> &[CourseOutlook] {
         &self.outlooks
     }
@@ -295,8 +295,8 @@ impl Advisor {
         }
     }
 
-    /// Outlook for a course with these powers of the deck's signals. `here` scales the measured slopes: the
-    /// modelled standard deviation of the apparent slope on the present course.
+    /// Outlook for a course with these powers of the deck's signals. `here` is the modelled standard
+    /// deviation of the apparent slope on the present course, by which the measured slopes are scaled.
     fn outlook(
         &self,
         now: &Conditions,

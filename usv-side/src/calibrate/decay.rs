@@ -298,7 +298,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // Drop impulses that somebody held, and impulses in another degree of freedom.
+    // Drop impulses during which the boat was held, and impulses in another degree of freedom.
     let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)

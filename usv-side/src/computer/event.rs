@@ -64,7 +64,7 @@ impl VesselEvent {
             battery: status.battery,
         }
     }
-    /// Whether somebody must act on it.
+    /// Whether the crew must act on it.
     pub fn is_warning(&self) -> bool {
         match self {
             VesselEvent::DoubleNumber { .. }

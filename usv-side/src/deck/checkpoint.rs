@@ -54,6 +54,6 @@ pub struct GivenCommand {
     pub operator: Sender,
     /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// The command is still repeated: not acknowledged, replaced, given up, or cancelled by an abort.
+    /// The command is still repeated: it is not yet acknowledged, replaced, given up, or cancelled by an abort.
     pub open: bool,
 }

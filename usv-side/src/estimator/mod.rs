@@ -138,7 +138,7 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
-    /// Corrects a heading error of `by` (rad). The velocity in NED stays.
+    /// Corrects a heading error of `by` (rad); the velocity in NED is unchanged.
     fn turn(&mut self, by: f64) {
         self.heading = wrap_angle(self.heading + by);
         self.velocity = Rotation2::new(-by) * self.velocity;
@@ -151,7 +151,8 @@ impl SlowMotion {
 
 /// Number of rejected values (of six) at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// Consecutive rejected fixes (2 s) before a lost one that restart the filter: not the receiver is wrong.
+/// Consecutive rejected fixes (2 s) before a lost one after which the filter, rather than the receiver, is
+/// taken to be wrong and restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {

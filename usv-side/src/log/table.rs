@@ -1,6 +1,6 @@
 //! Alight's table (CSV): a header line of known columns, then one row per line with comma-separated cells.
 //!
-//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have rows of its own.
+//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have separate rows.
 //! Columns: `deploy/docs/sensors.md`; tables of other programs: `deploy/docs/recordings.md`.
 
 use csv::{Position, ReaderBuilder, StringRecord, Trim};

@@ -82,7 +82,7 @@ pub struct Past<'a> {
 }
 
 impl Past<'_> {
-    /// Motion at `t`: cubic between estimates, by the rates after the last; None before the first.
+    /// Motion at `t`: cubic interpolation between estimates, linear extrapolation beyond the last; None before the first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);

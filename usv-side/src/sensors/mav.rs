@@ -17,13 +17,13 @@ use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Minimum time between two used headings of an autopilot's filter, ns; those in between repeat information.
+/// Minimum time between two headings used from an autopilot's filter, ns; headings in between add no information.
 const HEADING_STEP_NS: i64 = 200_000_000;
-/// Fraction of a receiver's error that changes within a minute (ours), and error of a receiver that states
-/// none, horizontal and vertical, m.
+/// Fraction of a receiver's error that changes within a minute (ours), and error assumed for a receiver that
+/// states none, horizontal and vertical, m.
 const FAST_FRACTION: f64 = 0.3;
 const POSITION_SD: [f64; 2] = [2.0, 4.0];
-/// Velocity standard deviation of a receiver that states none, m/s.
+/// Velocity standard deviation assumed for a receiver that states none, m/s.
 const VELOCITY_SD: f64 = 0.3;
 
 /// Requested messages, each with its interval, us.

@@ -1,12 +1,11 @@
 //! NMEA 0183: decodes GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR
 //! and ZDA, and the NMEA 2000 carried by PCDIN, MXPGN and PDGY ([`carried`]).
 //!
-//! A sentence with a time opens an epoch. Sentences without one belong to that epoch or the next, depending
-//! on the pauses between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second one is
-//! counted and dropped. If several sentences of a kind arrive per time, or no times at all, the arrival is
-//! the time. In a recording, without arrivals, attitudes are spread evenly up to the next time. Position and
-//! velocity of an epoch form one fix, heading and rate of turn one heading. A rarer part is awaited only in
-//! the epochs that should have it ([`partner`]).
+//! A sentence with a time opens an epoch. Sentences without one belong to that epoch or the next, depending on the pauses
+//! between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second one is counted and dropped. If
+//! several sentences of a kind arrive per time stamp, or there are no time stamps, the arrival is the time. In a recording,
+//! without arrivals, attitudes are spread evenly up to the next time. Position and velocity of an epoch form one fix,
+//! heading and rate of turn one heading. A rarer part is awaited only in the epochs that should have it ([`partner`]).
 
 pub(super) mod account;
 mod attribution;

@@ -49,11 +49,11 @@ impl Arrivals {
 
 /// Maximum number of stations distinguished.
 const MAX_STATIONS: usize = 4;
-/// Maximum distance of a base on board from the vessel's fix, m, and maximum way with a constant base, m.
+/// Maximum distance of a base on board from the vessel's fix, m, and maximum distance travelled with a constant base, m.
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
-/// Base position from message 1005 or 1006, start of its constancy, and the vessel's position then.
+/// Base position from message 1005 or 1006, the time since which it is constant, and the vessel's position then.
 #[derive(Clone, Copy, Debug)]
 struct Base {
     place: Datum,

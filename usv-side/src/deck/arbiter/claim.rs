@@ -69,7 +69,7 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Before a take-off the position decides, also for a drone started on the deck.
+            // Before a take-off the position decides, even if the drone was started on the deck.
             (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
             (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {

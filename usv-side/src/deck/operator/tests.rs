@@ -1,5 +1,3 @@
-//! Tests of the operator relay.
-
 use super::*;
 use alight_shared::msg::{Reason, ReasonCode, State};
 use proptest::prelude::*;

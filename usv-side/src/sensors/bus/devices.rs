@@ -2,8 +2,8 @@
 //!
 //! Rate, standard deviation and range of each device are determined over windows of five seconds. The score
 //! is the information per second with white errors, `rate / sd²`. Another device is used after three
-//! consecutive windows with a clearly higher score; the way back needs the same margin. A difference between
-//! two devices beyond their standard deviations is reported after twelve consecutive windows.
+//! consecutive windows with a clearly higher score; switching back requires the same margin. A difference
+//! between two devices beyond their standard deviations is reported after twelve consecutive windows.
 
 use std::collections::BTreeMap;
 
@@ -323,7 +323,7 @@ impl DeviceGroup {
             *noted = Some(at_ns);
         }
     }
-    /// Adds a value of a device of group `k` as evidence. `is_free`: it may change the device in use.
+    /// Adds a value of a device of group `k` as evidence. `is_free` permits it to change the device in use.
     pub(super) fn observe(
         &mut self,
         k: usize,

@@ -27,7 +27,6 @@ pub(super) enum N2kStamp {
     Unix(i64),
     /// Since the first or the previous line.
     Relative(i64),
-    /// Not stated.
     None,
 }
 

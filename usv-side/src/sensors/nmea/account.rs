@@ -14,8 +14,8 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Fraction of a kind's sentences above which an irregularity is normal: equal time stamps are not duplicate
-/// datagrams, and headings of a float solution are not a start-up effect.
+/// Fraction of a kind's sentences above which an irregularity is a habit of the source: equal time stamps are
+/// then not duplicate datagrams, and headings of a float solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
 /// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).

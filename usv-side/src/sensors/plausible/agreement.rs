@@ -50,8 +50,8 @@ impl<P: Copy> Agreement<P> {
             since: None,
         }
     }
-    /// Adds a quantity and its rate, or why the rate is impossible. `compare` returns integral minus change,
-    /// and whether it is too large; None without information.
+    /// Adds a quantity and its rate, or the reason why the rate is impossible. `compare` returns integral
+    /// minus change, and whether it is too large; None without information.
     pub(super) fn take(
         &mut self,
         at: Time<VesselClock>,

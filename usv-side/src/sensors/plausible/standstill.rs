@@ -2,7 +2,7 @@
 //! instrument is aligning, a field has no sensor.
 //!
 //! Evidence of motion is a swing of any channel of any sensor: a value that reverses twice by more than its
-//! noise. Waves do so twice per period, a manoeuvre does not. Each swing implies a minimum movement of other
+//! noise. Waves cause two swings per period, a manoeuvre none. Each swing implies a minimum movement of other
 //! channels. A channel stands still if it does not change during several swings that imply clearly more than
 //! its resolution: the smallest recent change. One that never changed is assumed to be coarse; a heading of
 //! exactly zero from the start is a placeholder, assumed ten times finer.
@@ -44,8 +44,8 @@ const FINE: f64 = 0.1;
 const SAME: f64 = 1e-9;
 /// Factor on the smallest change at each later change: old ones may be from another setting.
 const FORGETTING: f64 = 1.005;
-/// Minimum distance by the fix's velocity at which an unchanged position stands still, m; its resolution
-/// is a thousandth of a minute or better.
+/// Minimum distance travelled according to the fix's velocity over which an unchanged position stands still,
+/// m; its resolution is a thousandth of a minute or better.
 const WAY_M: f64 = 10.0;
 
 /// Witnesses: name, and minimum peak-to-peak swing above noise, SI. Rates are integrated first, because their
@@ -281,7 +281,7 @@ impl Movement {
             Measurement::Gnss(_) => {}
         }
         for (witness, mut swing) in swings.into_iter().flatten() {
-            // A number in steps that crosses one by a hair moves by a whole step.
+            // A quantised value that barely crosses a step changes by the whole step.
             let step = self.sensors.get(k).map_or(0.0, |s| s.step(witness));
             swing.amplitude = (swing.amplitude - 0.5 * step).max(0.0);
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));

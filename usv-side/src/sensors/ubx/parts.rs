@@ -59,7 +59,7 @@ struct Epoch {
     given: bool,
 }
 
-/// Received parts, and those that arrive for each time.
+/// Parts received in the current epoch, and parts expected in each.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FixParts {
     epoch: Option<Epoch>,
