@@ -32,7 +32,7 @@ pub enum ConfigError {
         message: String,
     },
     /// A value outside its range.
-    #[error("configuration key `{key}` is {value}: allowed is {allowed}; correct it and try again")]
+    #[error("configuration key `{key}` is {value}; allowed: {allowed}; correct it and try again")]
     Range {
         /// Dotted key.
         key: String,
@@ -384,11 +384,11 @@ mod tests {
 
     #[test]
     fn config_error_with_key_value_and_range() {
-        assert!(error("power_w = 1e4").contains("`power_w` is 10000: allowed is 0 to 2000"));
+        assert!(error("power_w = 1e4").contains("`power_w` is 10000; allowed: 0 to 2000"));
         assert!(error("power_w = nan").contains("NaN"));
         let nested = error("[spare]\nspeed_rpm = 5");
         assert!(
-            nested.contains("`spare.speed_rpm` is 5: allowed is 100 to 3000"),
+            nested.contains("`spare.speed_rpm` is 5; allowed: 100 to 3000"),
             "{nested}"
         );
         assert!(error("switches = []").contains("one name or more"));

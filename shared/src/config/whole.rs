@@ -232,7 +232,7 @@ mod tests {
             ("[lid]\nhinges_m = [0.0, 1.0, 2.0, 3.0]", "lid.hinges_m", 4, 2),
         ] {
             let message = error(text);
-            let expected = format!("`{key}` is a list of {found}: allowed is a list of {taken}");
+            let expected = format!("`{key}` is a list of {found}; allowed: a list of {taken}");
             assert!(message.contains(&expected), "{text}: {message}");
         }
         let message = error("size_m = [1, 2, 3, 4]");
@@ -262,7 +262,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            message.contains("`hinges_m` is a list of 3: allowed is a list of 2;"),
+            message.contains("`hinges_m` is a list of 3; allowed: a list of 2;"),
             "{message}"
         );
         assert_eq!(read::<Lid>("", "test").unwrap(), Lid::default());

@@ -103,7 +103,7 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::TakeOffStanding(drone)) => {
                 write!(
                     f,
-                    "crew order: deck cleared for take-offs of drone {drone} until somebody comes to it"
+                    "crew order: deck cleared for take-offs of drone {drone} until someone approaches it"
                 )
             }
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),

@@ -254,7 +254,7 @@ fn number(name: &str, text: &str, limit: f64) -> Result<f64, String> {
     // NaN fails.
     match value.abs() <= limit {
         true => Ok(value),
-        false => Err(format!("{name} is {text}, allowed is -{limit} to {limit}")),
+        false => Err(format!("{name} is {text}; allowed: -{limit} to {limit}")),
     }
 }
 
@@ -424,7 +424,7 @@ impl CsvTable {
                     bad.push(
                         row.line,
                         format!(
-                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to \
+                            "{name} is empty, not a number, but related columns have values; allowed: -{limit} to \
                              {limit}"
                         ),
                     );

@@ -153,7 +153,7 @@ impl Source {
         let s = &self.status;
         if s.restarts > 0 {
             all.push(Remark::fine(format!(
-                "its clock changed {} times, at last by {:+.2} s: dated again",
+                "its clock changed {} times, most recently by {:+.2} s: measurements are re-dated",
                 s.restarts, s.step_s
             )));
         }

@@ -383,7 +383,7 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
         Doubt::Beyond(x) => format!("is beyond what is possible ({:.1} {})", t.factor * x, t.unit),
         Doubt::Jump(x) => format!("jumps by {}", size(x)),
         Doubt::Drift(x) => format!("drifts by {} a minute", size(x)),
-        Doubt::Mean(x) => format!("has a mean of {}, in waves it has none", size(x)),
+        Doubt::Mean(x) => format!("has a mean of {}, but must average zero in waves", size(x)),
         Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
         Doubt::Standstill(s, at) => format!(
             "stands still for {:.0} s at {:.1} {} while the {} moves",

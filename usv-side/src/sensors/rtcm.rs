@@ -160,7 +160,7 @@ impl RtcmTraffic {
             let moved_m = base.own.map_or(0.0, |then| then.distance_m(&own));
             let text = if apart_m > ABOARD_M {
                 format!(
-                    "RTCM's base (station {number}) is {:.1} km away: corrections of a caster",
+                    "RTCM's base (station {number}) is {:.1} km away: corrections from a caster",
                     1e-3 * apart_m
                 )
             } else if moved_m > MOVED_M {
@@ -192,7 +192,7 @@ impl RtcmTraffic {
         let standing = rate(&|n| matches!(n.message, 1005 | 1006));
         if standing.is_some() && rate(&|n| n.is_base() && n.message == rtcm::UBLOX).is_some() {
             all.push(Remark::fault(
-                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover stays with a base that stands".into(),
+                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover then assumes a stationary base".into(),
                 "switch 1005 and 1006 off at this port of the vessel's receiver",
             ));
         }
@@ -203,9 +203,9 @@ impl RtcmTraffic {
         {
             all.push(Remark::fault(
                 format!(
-                    "RTCM has the base's place at {base_hz:.1} Hz, and observations at {observed_hz:.1} Hz"
+                    "RTCM has the base position at {base_hz:.1} Hz, and observations at {observed_hz:.1} Hz"
                 ),
-                "let the vessel's receiver send its place with each observation",
+                "let the vessel's receiver send its position with each observation",
             ));
         }
         all
@@ -228,7 +228,7 @@ impl RtcmTraffic {
             ),
             (
                 any(&RtcmNumber::is_base),
-                "the base's place (4072.0, 1005 or 1006)",
+                "the base position (4072.0, 1005 or 1006)",
             ),
         ];
         let missing: Vec<&str> = missing
@@ -239,7 +239,7 @@ impl RtcmTraffic {
         let mut all = Vec::new();
         if !missing.is_empty() {
             all.push(Remark::fault(
-                format!("RTCM lacks {}: it is no moving base", missing.join(" and ")),
+                format!("RTCM lacks {}: it is not a moving base", missing.join(" and ")),
                 "switch them on at this port of the vessel's receiver, 1 Hz or more (alight help sensors, Moving base)",
             ));
         }

@@ -173,7 +173,7 @@ impl Account {
         if self.unsafe_positions > 0 {
             all.push(Remark::fault(
                 format!(
-                    "{} positions are marked as unsafe by their receiver, and count as accurate to {UNSAFE_SD} m",
+                    "{} positions are marked as unsafe by their receiver, and are taken as accurate to {UNSAFE_SD} m",
                     self.unsafe_positions
                 ),
                 "check the antenna's view of the sky, and look for interference",
