@@ -1,5 +1,5 @@
-//! Boot of the computer that the drones follow, from the newest estimate named by each time request. If it
-//! stays another boot for long, a second computer publishes with this vessel's identity.
+//! Boot of the computer that the drones follow, from the newest estimate named by each time request. If that
+//! remains another boot, a second computer publishes with this vessel's identity.
 
 use std::collections::BTreeMap;
 

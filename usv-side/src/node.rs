@@ -213,7 +213,7 @@ impl VesselNode {
             max_age: Span::from_secs(max_age_s),
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
-            // An invalid source number counts with the last source.
+            // A measurement with an invalid source number is counted for the last source.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
             let admitted = rule.admit(now, m, state.newest.as_ref());

@@ -1,4 +1,4 @@
-//! Probability that a drone on the deck with stopped motors stays, by friction, slope, motion and wind.
+//! Probability that a drone on the deck with stopped motors stays in place, given friction, slope, motion and wind.
 //!
 //! The feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the
 //! apparent slope `s = f_xy / |f_z|` and the wind's acceleration `w` of a standing drone, `|s - w / g| <= mu`. Any

@@ -251,7 +251,7 @@ impl LastVessel {
     }
 }
 
-/// State of the battery by its gauge, passed on to a restarted mission.
+/// State of the battery according to its gauge, passed on to a restarted mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KnownBattery {

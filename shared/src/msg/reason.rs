@@ -329,7 +329,7 @@ reasons! {
     TakeOffTilted { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck tilts or slides away" }
     /// Probability of a take-off too low because the deck may rise into the drone.
     TakeOffHit { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck may hit the drone" }
-    /// A better moment to take off comes soon: probability now and then.
+    /// A better moment to take off comes soon: probability now, and at that moment.
     BetterMoment { "probability of a take-off {likely:.0} % now, {:.0} % within seconds", l_percent.floor() }
     /// Probability of a take-off at this moment.
     GoodMoment { "probability of a take-off {likely:.0} % now" }
@@ -380,7 +380,7 @@ reasons! {
     SeveralAutopilots { "autopilots {v:.0} and {l:.0} received: set autopilot.vehicle" }
     /// The remote control's switch is in its abort position.
     SwitchAborts { "the remote control's switch is on abort" }
-    /// A light blinds the camera, no tag detected: saturated part of its image, %, and maximum of a glint.
+    /// A light blinds the camera and no tag is detected: saturated part of the image, %, and the limit for glints.
     Glare { "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen \
         the lamp" }
     /// Keeping an ordered station next to the vessel, or on the way to it: remaining time, s, and distance to it, m.

@@ -121,7 +121,7 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Zero mean; slow states, disturbances and oscillators with their stationary or initial deviations.
+    /// Belief with zero mean, and the stationary or initial deviations of slow states, disturbances and oscillators.
     pub fn new(model: &VesselModel, spec: &BeliefSpec) -> Self {
         let mut related = [[false; DOFS]; DOFS];
         for g in model.groups() {

@@ -24,7 +24,7 @@
 //!
 //! A drone on the deck takes off only when cleared by the crew: for one take-off within a limited time
 //! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]),
-//! but in both cases only until somebody approaches the deck. A clearance ends with this process.
+//! but in both cases only until someone approaches the deck. A clearance ends with this process.
 //!
 //! The grant also contains the helm's intended course ([`Course`]); requests for a steady one are reported.
 

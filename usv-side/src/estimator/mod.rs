@@ -151,7 +151,8 @@ impl SlowMotion {
 
 /// Number of rejected values (of six) at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// Consecutive rejected fixes (2 s) before a lost one after which the filter, rather than the receiver, is
+/// Consecutive rejected fixes (2 s) before a lost one after which the filter restarts, because not the
+/// receiver but the filter is wrong.
 /// taken to be wrong and restarts.
 const LOST_FIXES: u32 = 20;
 

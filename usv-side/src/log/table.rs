@@ -398,7 +398,7 @@ impl CsvTable {
         }
     }
 
-    /// Requires the columns of each group together. A row with a partial group is bad if another row has all.
+    /// Requires the columns of each group together. A row with only part of a group is bad, unless all rows are partial.
     pub fn require_together(&mut self, groups: &[&[Quantity]]) -> Result<(), TableError> {
         for group in groups {
             let there = group.iter().find(|q| self.has(**q));

@@ -113,7 +113,8 @@ pub struct Ridge {
 }
 
 impl Ridge {
-    /// Fits for these horizons (s) to two minutes of estimates before `t` since `valid_from`; None: too few.
+    /// Fits for these horizons (s) to the estimates of two minutes before `t`, but since `valid_from`; None
+    /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,

@@ -313,7 +313,7 @@ impl SensorBus {
             ..self.mounting.tilt([roll, pitch])
         })
     }
-    /// Fix with the matching velocity and quality, and with a height that is not used yet.
+    /// Fix with the matching velocity and quality, and with a height that has not been used yet.
     fn position(
         &mut self,
         at_ns: i64,

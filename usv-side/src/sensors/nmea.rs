@@ -323,7 +323,7 @@ impl NmeaDecoder {
         self.account.leave_out(address, why);
     }
 
-    /// Epoch at a sentence's time. None, and counted, if the time is invalid.
+    /// Epoch at a sentence's time; an invalid time is counted and gives None.
     fn open(
         &mut self,
         address: &str,

@@ -181,7 +181,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// Measurement on the vessel's clock; None, and counted, if it is not passed on.
+    /// Measurement on the vessel's clock; None if it is not passed on, which is counted.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;

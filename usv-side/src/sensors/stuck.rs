@@ -57,7 +57,7 @@ mod tests {
         }
     }
 
-    /// Sample at rest with a resolution of `lsb` and a noise of a third of it.
+    /// Sample at rest with a resolution of `lsb` and noise of a third of it.
     fn still(noise: &mut Uniform, lsb: f64) -> ImuSample {
         let mut axis = |mean: f64| ((mean / lsb + noise.normal() / 3.0).round()) * lsb;
         ImuSample {

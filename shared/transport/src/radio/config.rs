@@ -16,7 +16,7 @@ const DATAGRAM_OPEN_MS: u32 = 1000;
 const STREAM_OPEN_MS: u32 = 8000;
 
 /// Metadata of a QUIC endpoint: if both sides support it, a stream for reliable messages (handshake,
-/// declarations) and datagrams for publications, of which only the newest counts.
+/// declarations) and datagrams for publications, only the newest of which matters.
 const QUIC_METADATA: &str = "?mixed_rel=auto";
 
 /// Maximum batch of the middleware, bytes; with IPv6 and TCP headers it fits into one packet.
@@ -38,9 +38,8 @@ config! {
         pub listen: Vec<String> = Vec::new();
         /// Endpoints to dial, such as `udp/192.168.7.1:7447`; for a drone.
         pub connect: Vec<String> = Vec::new();
-        /// Silence after which a datagram link is closed, s.
-        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with 10 s (the default), and
-        /// fresh messages with 2 s.
+        /// Silence after which a datagram link is closed, s. Measured: after an outage of 5 s, TCP delivers a
+        /// backlog of 5.5 s with a lease of 10 s (the default), and fresh messages with 2 s.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// Silence after which a stream or QUIC link is closed, s. Measured at 30 % loss and 100 ms: a stream
         /// is silent for over 2 s every 20 s and recovers within 5 s, while a new session takes 2 to 10 s.
@@ -208,7 +207,8 @@ impl RadioConfig {
         let file = ZenohFile::of(self)?;
         self.session("alight/any", &[], file.as_ref()).map(|_| ())
     }
-    /// Settings of the session: this configuration over `file`; `name` is our key prefix, `own` our keys.
+    /// Settings of the session: those of `file`, overridden by this configuration. `name` is our key prefix,
+    /// `own` our keys.
     pub(super) fn session(
         &self,
         name: &str,

@@ -255,7 +255,7 @@ struct GroupDevice {
     /// Rate (Hz) and standard deviation (SI) of the last window.
     rate_hz: f64,
     sd: f64,
-    /// Consecutive windows with constant values, and consecutive windows better than the device in use.
+    /// Consecutive windows with constant values, and consecutive windows with a better score than the device in use.
     still: u32,
     better: u32,
     /// Device in use that differs, consecutive windows with a difference, and sum of the RMS differences, SI.

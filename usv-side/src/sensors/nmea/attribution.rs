@@ -52,7 +52,7 @@ impl Attribution {
         self.now_ns = Some(now_ns);
         self.first_ns.get_or_insert(now_ns);
     }
-    /// Records a sentence with a time. `new`: its time differs from the last one.
+    /// Records a sentence with a time; `new` if that differs from the previous one.
     pub(super) fn timed(&mut self, new: bool) {
         if let (true, Some(now)) = (new, self.now_ns) {
             for kind in &mut self.kinds {

@@ -242,7 +242,7 @@ impl Carried {
             *without = 0;
         }
     }
-    /// Measurements dated since the last call, and number ignored because the sentences provide the kind.
+    /// Measurements dated since the last call, and number of those ignored because sentences provide the kind directly.
     pub(super) fn measurements(&mut self, by_arrival: bool) -> (Vec<SourceMeasurement>, usize) {
         let mut all = core::mem::take(&mut self.given);
         let count = all.len();

@@ -101,7 +101,7 @@ impl Contradicted {
     }
 }
 
-/// Newest number of a channel, and the movement of others while it stayed.
+/// Newest value of a channel, and the movement of other channels while it remained unchanged.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     numbers: [f64; 4],
@@ -309,7 +309,7 @@ impl Movement {
 }
 
 impl Sensor {
-    /// Smallest recent change of a witness, SI; 0 of an integral.
+    /// Smallest recent change of a witness, SI; 0 for an integral.
     fn step(&self, witness: usize) -> f64 {
         use Channel::{Heading, Heave, Height, Tilt};
         let of = [Tilt, Tilt, Heading, Heave, Height].get(witness);
