@@ -451,7 +451,7 @@ impl Node for Bridge {
     }
 }
 
-/// Copies only new messages, because a forecast has 10 kB.
+/// Copies only new messages, because a forecast takes 10 kB.
 fn keep_newest<T: Copy>(kept: &mut Option<T>, arrived: Option<&T>) {
     if let Some(arrived) = arrived {
         *kept = Some(*arrived);

@@ -9,7 +9,7 @@ use core::fmt;
 /// Requirement on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// Within these bounds, inclusive; an infinite bound is no limit.
+    /// Within these bounds, inclusive; an infinite bound means no limit.
     Within(f64, f64),
     /// Equal to this value, given with its name.
     Is(f64, &'static str),

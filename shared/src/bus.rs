@@ -1,7 +1,7 @@
 //! Bus between the rows of a computer, and wiring of nodes to it. A row is a node with its ports, run by one process.
 //!
 //! Each node declares its wiring once with [`wiring!`]: topics that it reads (newest or all messages),
-//! writes, and wakes at, and its checkpoint. The [`Bus`] is implemented in another crate.
+//! writes, and is woken by, and its checkpoint. The [`Bus`] is implemented in another crate.
 
 mod absent;
 

@@ -58,7 +58,7 @@ fn coarse(latitude: f64, longitude: f64) -> f64 {
     (1.0 - u) * row(south) + u * row(south + COARSE_DEG)
 }
 
-/// Geoid along a path, computed again after a move.
+/// Geoid along a path, recomputed after a move.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalGeoid {
     last: Option<([f64; 2], Undulation)>,

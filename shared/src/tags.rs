@@ -78,10 +78,10 @@ impl fmt::Display for ForeignTag {
             Self::Number(n) => write!(f, "a tag in view has number {n}, which is not on the deck"),
             Self::Mirrored(n) => write!(f, "a tag in view is mirrored (number {n}): it is never detected"),
             Self::Inverted(n) => write!(f, "a tag in view is a negative (number {n}): it is never detected"),
-            Self::Family25h9 => f.write_str("a tag in view is of another family (25h9): 36h11 alone is detected"),
-            Self::Family41h12 => f.write_str("a tag in view is of another family (41h12): 36h11 alone is detected"),
+            Self::Family25h9 => f.write_str("a tag in view is of another family (25h9): only 36h11 is detected"),
+            Self::Family41h12 => f.write_str("a tag in view is of another family (41h12): only 36h11 is detected"),
             Self::Unknown => f.write_str(
-                "a marker in view is no tag 36h11: a mirrored image (one of hflip, vflip), another family, or partly covered",
+                "a marker in view is not a 36h11 tag: a mirrored image (one of hflip, vflip), another family, or partly covered",
             ),
             Self::RowLength(n) => write!(f, "the image has rows of {n} bytes: another size or format than the lens's"),
         }

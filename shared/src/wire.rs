@@ -101,7 +101,7 @@ pub fn hash_bytes(bytes: &[u8]) -> u64 {
     hash.digest()
 }
 
-/// Appends a record to `to`, as [`encode_record`] without an allocation.
+/// Appends a record to `to`, like [`encode_record`] but without an allocation.
 pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())
         .map(|_| ())

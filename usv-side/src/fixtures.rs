@@ -1,5 +1,3 @@
-//! Fixtures for the tests of several modules.
-
 use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
 use proptest::sample::Index;

@@ -22,7 +22,7 @@ use crate::sensors::{Measurement, Readings, RepeatedSamples};
 const MAX_PER_STEP: usize = 100;
 /// Maximum time by which a measurement may lie ahead of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Silence after which the next inertial (or attitude) sensor is used, s; earlier would mix their samples.
+/// Silence after which the next inertial (or attitude) sensor is used, s; an earlier change would mix their samples.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// Maximum age of an attitude, s; it drives the filter like an inertial sample.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
@@ -69,7 +69,7 @@ const ATTITUDE: usize = 3;
 pub struct SourceCounts {
     /// Measurements passed to the filter.
     pub taken: u64,
-    /// Passed measurements with a component that the filter's gate rejected; inertial samples count by filter step.
+    /// Passed measurements with a component that the filter's gate rejected; inertial samples are counted by filter step.
     pub outliers: u64,
     /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,

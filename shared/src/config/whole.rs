@@ -13,7 +13,7 @@ use super::ConfigError;
 #[derive(Debug, Error)]
 enum Unread {
     /// The list is longer than its type.
-    #[error("{key} is a list of {found}, {taken} are taken")]
+    #[error("{key} is a list of {found}; its type takes {taken}")]
     TooLong { key: String, found: usize, taken: usize },
     /// The type rejects the value.
     #[error("{0}")]
@@ -160,7 +160,7 @@ impl<'de> Deserializer<'de> for Whole {
             | Value::Float(_)
             | Value::Boolean(_)
             | Value::Datetime(_)) => Err(Unread::custom(format_args!(
-                "{key} is {other}: a name, or a table with one name, is allowed"
+                "{key} is {other}; it must be a name, or a table with one name"
             ))),
         }
     }

@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn source_clock_across_a_step_of_utc() {
-        // Leap second, a receiver's first almanac, an hour after midnight in a wrong time zone.
+        // Steps of a leap second, a receiver's first almanac, and an hour after midnight in a wrong time zone.
         for step_s in [-1.0, 1.0, -2.0, -3.0, -40.0, 2.5, 3600.0, -3600.0] {
             let (errors, c) = dated(60.0, step_s, None, 90.0);
             let late = errors.iter().filter(|(at, _)| *at >= 61.1);
@@ -326,7 +326,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
-        /// After stamps in the future, local times are correct again within the length of their run plus 4 s.
+        /// After a run of stamps in the future, local times are correct again within the length of the run plus 4 s.
         #[test]
         fn source_clock_after_runs_of_stamps_ahead(
             hz in 5_i64..50,

@@ -40,7 +40,7 @@ use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
 /// Wind acceleration of a standing drone as a fraction of that in flight: half, because turning rotors have
-/// as much drag as the body, and less by the wind profile above water and deck.
+/// as much drag as the body, and further reduced by the wind profile above water and deck.
 const STANDING: f64 = 0.4;
 /// Relative standard deviation of the friction over dry, wet and salty decks.
 const FRICTION_SD: f64 = 0.15;
@@ -50,7 +50,7 @@ const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1
 const PEAK_SD: f64 = 0.3;
 /// Averaging time of slopes, s.
 const MEAN_S: f64 = 1.0;
-/// Range of wave periods, s: no drone rides on a faster hull, and slower waves are a constant slope.
+/// Range of wave periods, s: no drone rides on a hull with faster motion, and slower waves act as a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
 /// Assumed wave period without a prediction, s: peaks as high as those of the fastest waves, lasting as long
 /// as a boat's roll.

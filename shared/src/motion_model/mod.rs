@@ -12,8 +12,9 @@
 //! follows the water, whose waves keep their direction when the vessel turns; a long hull swings in its own
 //! roll and pitch. Both predictions are weighted by the inverse of their recent mean square errors (Bates and
 //! Granger 1969), which also suits turns and hulls in between.
+//!
 //! A prediction starts at the estimate and continues the present residual of the modes. In heave the residual
-//! fades, because its slow part is an error of the mean water level. In tilt it stays, because its slow part
+//! fades, because its slow part is an error of the mean water level. In tilt it remains, because its slow part
 //! is heel and trim, which turn with the vessel and change within seconds.
 //!
 //! Errors of the predictions are measured: each prediction is kept until it is due ([`errors`]).

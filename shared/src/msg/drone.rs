@@ -226,7 +226,7 @@ pub struct ShadowComparison {
 }
 
 /// Checkpoint of the predictor: offset between the deck's pose by camera and by radio, which a restarted
-/// process cannot measure too close to the deck.
+/// process cannot measure if it is too close to the deck.
 ///
 /// Published with every forecast once the camera has detected the deck. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]

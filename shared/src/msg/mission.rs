@@ -84,7 +84,7 @@ pub struct SettingsOrder {
 pub enum VesselLevel {
     /// Tags on its deck only.
     Tag,
-    /// A beacon in addition, to metres ([`super::DeckBeacon`]): it starts a search for the tags.
+    /// A beacon in addition, accurate to metres ([`super::DeckBeacon`]): it starts a search for the tags.
     Beacon,
     /// Estimates and wave model broadcast by the vessel's computer.
     #[default]

@@ -30,12 +30,12 @@ message!(@C RtcmFrames<C>, C, |m| {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CarrierSolution {
-    /// No solution: code position only, to a metre or more.
+    /// No solution: code position only, accurate to a metre or more.
     #[default]
     None,
-    /// Float solution: to a few decimetres, with persistent errors.
+    /// Float solution: accurate to a few decimetres, with persistent errors.
     Float,
-    /// Fixed solution: to centimetres if the ambiguities are correct.
+    /// Fixed solution: accurate to centimetres if the ambiguities are correct.
     Fixed,
 }
 

@@ -76,7 +76,7 @@ pub struct EstimateUpdate<C: Clock> {
     /// Acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
     #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
-    /// Checksum of the datum; the slowly changing part completes only estimates with the same one.
+    /// Checksum of the datum; the slowly changing part completes only estimates with the same checksum.
     pub datum_sum: u16,
     /// Slowly changing part, in every third estimate; it completes the following ones of the same boot and datum.
     pub rest: Option<EstimateRest>,

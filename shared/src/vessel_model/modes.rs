@@ -58,7 +58,7 @@ impl Mode {
         }
         Mode { shape, ..*self }
     }
-    /// Factor from velocity to displacement, s: `1 / p_k`; zero for a slow mode, which is a course.
+    /// Factor from velocity to displacement, s: `1 / p_k`; zero for a slow mode, which is a change of course.
     pub fn integral(&self) -> Complex<f64> {
         if self.is_wave() {
             self.pole.inv()

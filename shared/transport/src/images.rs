@@ -127,7 +127,7 @@ impl ImagePublisher {
         })
     }
     /// Sends an image of `bytes` bytes that `write` produces in place. Above the maximum size it is counted
-    /// as unsent, without a call of `write`.
+    /// as unsent, without calling `write`.
     pub fn send_with(&mut self, header: ImageHeader, bytes: usize, write: impl FnOnce(&mut [u8])) {
         let sent = self.port.loan_slice(bytes).is_ok_and(|mut slot| {
             *slot.user_header_mut() = header;

@@ -279,8 +279,7 @@ impl<T: Plain> Subscriber<T> {
     pub fn all(&mut self, now_ns: i64) -> Vec<T> {
         let mut messages = Vec::new();
         while messages.len() < MAX_PER_READ {
-            // On an error, a publisher disappeared while sending: its message is lost, the next read tries
-            // again.
+            // On an error, a publisher disappeared while sending: its message is lost, and the next read tries again.
             let Ok(Some(sample)) = self.port.receive() else {
                 break;
             };

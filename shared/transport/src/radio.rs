@@ -100,12 +100,10 @@ pub struct Flow {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RadioCounts {
-    /// Messages passed to the middleware.
     pub sent: u64,
     pub sent_bytes: u64,
     pub unsent: u64,
     pub received: u64,
-    /// Queries for newest messages.
     pub asked: u64,
     /// Messages dropped because of their length, or replaced by newer ones before the process read them.
     pub dropped: u64,
@@ -118,7 +116,6 @@ pub struct Radio {
     opening: Option<Receiver<Result<Open, TransportError>>>,
     attempts: Attempts,
     watched: bool,
-    /// Messages received without a pause.
     in_a_row: usize,
     counts: RadioCounts,
     flows: Vec<Flow>,

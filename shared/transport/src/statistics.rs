@@ -1,5 +1,3 @@
-//! Statistics of a subscriber.
-
 use hdrhistogram::Histogram;
 
 use alight_shared::bus::ReadCounts;

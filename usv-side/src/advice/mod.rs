@@ -49,7 +49,6 @@ const MAX_SPEEDS: usize = 6;
 /// Turn rate without heeling, rad/s, and acceleration, m/s². Chosen: gentle for a small boat.
 const TURN_RADPS: f64 = 0.1;
 const SPEED_CHANGE_MPS2: f64 = 0.3;
-/// Maximum time to reach an advised course, s.
 const MAX_TURN_S: f64 = 30.0;
 /// Turn rate above which the sea is not estimated, rad/s.
 const TURNING_RADPS: f64 = 0.1;
@@ -57,7 +56,6 @@ const TURNING_RADPS: f64 = 0.1;
 const MAX_SEA_AGE_S: f64 = 600.0;
 /// Typical standard deviation of the forecast position per axis, m.
 const PLACE_SD_M: f64 = 0.05;
-/// Wind assumed while it is unknown.
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 
 /// Deck motion and probability of a landing on one course.

@@ -13,7 +13,7 @@
 use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Minimum ratio of a push to the standard deviation at rest; noise alone reaches four within minutes.
+/// Minimum ratio of a push to the standard deviation at rest; noise alone reaches a ratio of four within minutes.
 const STANDS_OUT: f64 = 6.0;
 /// Ratio at which a push has ended.
 const OVER: f64 = 3.0;
@@ -38,7 +38,6 @@ pub enum DecayOrder {
 
 #[derive(Clone, Debug, Default)]
 pub struct DecaySignal {
-    /// Times in ascending order, s.
     pub t_s: Vec<f64>,
     pub y: Vec<f64>,
 }

@@ -1,5 +1,3 @@
-//! Events for the crew.
-
 use core::fmt;
 
 use alight_shared::msg::{
@@ -16,7 +14,6 @@ pub enum VesselEvent {
     DroneState {
         drone: u32,
         state: State,
-        /// Reason for entering the state.
         entered: Reason,
         /// Battery of the drone, 0 to 1; None: not reported.
         battery: Option<f64>,

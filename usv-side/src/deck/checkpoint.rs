@@ -14,7 +14,6 @@ pub enum Claim {
     Above,
     /// On its way, waiting, or steady above the deck.
     Requesting,
-    /// In descent or flare.
     Landing,
     OnDeck,
 }

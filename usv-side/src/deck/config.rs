@@ -1,5 +1,3 @@
-//! Parameters of the deck.
-
 use alight_shared::config;
 
 config! {

@@ -44,7 +44,6 @@ const TURN_RAD: f64 = 0.1;
 /// vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
-/// Numbers of rejected measurements since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OutlierCounts {
     pub imu: u64,
@@ -262,7 +261,6 @@ impl Estimator {
         (true, rejected)
     }
 
-    /// Innovation statistics since start.
     pub fn consistency(&self) -> Consistency {
         let running = self.filter.as_ref().map(|f| f.consistency);
         self.consistency.and(&running.unwrap_or_default())

@@ -217,7 +217,7 @@ impl VesselFilter {
         let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
         let v = velocity - self.slow.velocity(self.mean_heading);
         let acceleration = self.accelerations();
-        // Without turns of the course and accelerations by the engine.
+        // Excludes turns of the course and acceleration by the engines.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x)
             - self.gain.acceleration() * (Rotation2::new(self.mean_heading) * Vector2::x());

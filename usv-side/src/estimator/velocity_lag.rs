@@ -41,7 +41,6 @@ struct Travelled {
     at: Time<VesselClock>,
     velocity: Vector2<f64>,
     path: Vector2<f64>,
-    /// Heading of the vessel, rad.
     heading: f64,
 }
 

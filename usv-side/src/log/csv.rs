@@ -376,7 +376,7 @@ impl Reading {
                 _ => ", interpolated to their times",
             };
             notes.push(format!(
-                "no accelerations: the rates go with {} attitudes{own}",
+                "no accelerations: the rates are joined with {} attitudes{own}",
                 self.rated
             ));
         }

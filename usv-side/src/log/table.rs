@@ -147,17 +147,9 @@ impl Bad {
 pub enum TableError {
     /// Required columns are missing.
     #[error("line {line}: {message}")]
-    Header {
-        /// Line of the header, counted from 1.
-        line: u64,
-        message: String,
-    },
+    Header { line: u64, message: String },
     #[error("line {line}: {message}")]
-    Row {
-        /// Line of the row, counted from 1.
-        line: u64,
-        message: String,
-    },
+    Row { line: u64, message: String },
 }
 
 #[derive(Clone, Debug, PartialEq)]

@@ -79,7 +79,6 @@ pub struct ModeReview {
 pub struct FitReview {
     pub channel: InnovationChannel,
     pub fused: u64,
-    /// Scalars rejected by the gate.
     pub rejected: u64,
     /// Mean normalised innovation squared; 1 for a consistent filter.
     pub nis_mean: f64,

@@ -201,7 +201,7 @@ pub struct RefittedRidge {
 }
 
 impl RefittedRidge {
-    /// Regression for these horizons (s), for a node that publishes since `began`.
+    /// Regression for these horizons (s), for a node that has published since `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
@@ -231,7 +231,6 @@ mod tests {
 
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-    /// Two linear motions with their rates.
     fn motion(t: Time<VesselClock>) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;

@@ -376,7 +376,7 @@ impl SensorBus {
         if self.cautions > 0 {
             all.push(Remark::fault(
                 format!(
-                    "{} of {} whole fixes are marked with caution by their receiver, and are taken as {CAUTION} times less accurate",
+                    "{} of {} whole fixes are marked with caution by their receiver: taken as {CAUTION} times less accurate",
                     self.cautions, self.fixes
                 ),
                 "check the antenna's view of the sky, and look for interference",

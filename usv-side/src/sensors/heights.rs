@@ -23,7 +23,6 @@ pub(super) struct EllipsoidHeights {
     /// Number of fixes whose receiver stated its separation, and number of fixes that used the model.
     stated: u64,
     modelled: u64,
-    /// Number of fixes without a height.
     flat: u64,
     /// Newest model value used.
     model: Undulation,

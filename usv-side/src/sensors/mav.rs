@@ -152,7 +152,6 @@ impl MavlinkDecoder {
         self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
         Some(())
     }
-    /// Whether the next attitude must be rejected.
     fn is_unfit(&mut self) -> bool {
         let is_unfit = self.unfit > 0;
         self.unfit = self.unfit.saturating_sub(1);

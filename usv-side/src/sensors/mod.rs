@@ -90,7 +90,6 @@ impl Readings {
     }
 }
 
-/// A measurement of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Measurement {
     Imu(ImuSample),

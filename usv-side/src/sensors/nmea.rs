@@ -38,7 +38,7 @@ use partner::Partner;
 const MAX_LINE: usize = 512;
 /// Number of magnetic headings ignored after a true heading: 2 s at 25 Hz.
 const MAX_SPARE: u8 = 50;
-/// Sentences without a checksum that show a stream without them (before version 2 of the standard).
+/// Number of sentences without a checksum after which a stream is taken to have none (before version 2 of the standard).
 const UNCHECKED_STREAM: u32 = 10;
 /// Maximum time over which attitudes of a recording are spread, ns.
 const MAX_SPREAD_NS: i64 = 2_000_000_000;

@@ -13,7 +13,6 @@ use crate::rtcm_relay::BYTES_PER_S;
 
 /// Maximum number of frames per step: the size of their topic's buffer.
 const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
-/// Maximum number of message numbers counted.
 const MAX_NUMBERS: usize = 16;
 /// Number of arrivals that give the rate of a message number.
 const MAX_ARRIVALS: usize = 16;
@@ -47,7 +46,6 @@ impl Arrivals {
     }
 }
 
-/// Maximum number of stations distinguished.
 const MAX_STATIONS: usize = 4;
 /// Maximum distance of a base on board from the vessel's fix, m, and maximum distance travelled with a constant base, m.
 const ABOARD_M: f64 = 100.0;

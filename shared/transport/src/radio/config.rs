@@ -290,7 +290,7 @@ impl RadioConfig {
     }
 }
 
-/// Maximum length of Zenoh's configuration file, bytes; its complete example has 40 kB.
+/// Maximum length of Zenoh's configuration file, bytes; its complete example takes 40 kB.
 const MAX_FILE_BYTES: u64 = 1 << 18;
 
 /// Settings that Alight does not make and that must not be set, with reasons.

@@ -13,7 +13,7 @@ const ON_DECK_M: f32 = 5.0;
 const FAR_M: f32 = OWNER_ONLY_M as f32;
 /// Consecutive consistent statuses that end a claim; at 2 Hz two of seven may be lost.
 const MIN_STATUSES: u32 = 5;
-/// Duration of these statuses: longer than a wrong position, or a jump that an estimator reverts.
+/// Duration of these statuses: longer than a wrong position lasts, or a jump that an estimator reverts.
 const MIN_TIME: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]

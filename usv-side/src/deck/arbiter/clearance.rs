@@ -56,7 +56,6 @@ impl Clearance {
             watch: None,
         }
     }
-    /// Standing clearance for all take-offs during a watch.
     pub(super) fn standing(drone: u32, now: Time<VesselClock>) -> Clearance {
         let watch = now + Span::from_secs(TAKE_OFF_WATCH_S);
         Clearance {

@@ -1,5 +1,3 @@
-//! State of one drone in the arbiter.
-
 use alight_shared::msg::{DroneStatus, Header, ReasonCode, State, Station};
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 

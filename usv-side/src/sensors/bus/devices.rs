@@ -18,7 +18,6 @@ const SILENT_NS: i64 = 2_000_000_000;
 pub(in crate::sensors) const PAIR_NS: i64 = 300_000_000;
 /// Maximum number of devices per group for which evidence is kept.
 const MAX_DEVICES: usize = 16;
-/// Length of a window, ns.
 const WINDOW_NS: i64 = 5_000_000_000;
 /// Ratio of scores (10 Hz to 3 Hz), and number of consecutive windows, that change the device. Chosen.
 const MARGIN: f64 = 3.0;
@@ -86,7 +85,7 @@ struct GroupLimits {
     /// Range above which a device moves, so that constant values of another are not measurements; infinite if
     /// constant values are possible.
     moved: f64,
-    /// Rate above which more is no advantage, Hz; zero: the device never changes.
+    /// Rate above which a higher one is no advantage, Hz; zero: the device never changes.
     useful_hz: f64,
 }
 
@@ -163,7 +162,6 @@ impl DeviceNames {
         };
         self.0.insert(device, names.map(printed));
     }
-    /// Whether the device has this name.
     pub(super) fn is_named(&self, device: u32, name: &str) -> bool {
         match self.0.get(&device) {
             Some(names) => names.iter().any(|n| n == name),

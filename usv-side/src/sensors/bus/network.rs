@@ -36,7 +36,6 @@ impl Devices {
         self.is_merged = true;
         self
     }
-    /// Records the arrival of a message.
     pub(in crate::sensors) fn arrive(&mut self, at_ns: i64) {
         let [first_ns, _] = self.times_ns.unwrap_or([at_ns; 2]);
         self.times_ns = Some([first_ns, at_ns]);
@@ -82,7 +81,6 @@ impl Devices {
             group.observe(k, of, sample, used, !is_fixed);
         }
     }
-    /// Remarks on all groups.
     pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
         let Some([first_ns, now_ns]) = self.times_ns else {
             return Vec::new();
@@ -125,7 +123,6 @@ impl Variations {
             .or_else(|| stated(&|_, v| v != 0.0))
             .or_else(|| stated(&|_, _| true))
     }
-    /// Remark on contradicting variations.
     pub(in crate::sensors) fn remarks(&self, devices: &Devices) -> Option<Remark> {
         let used = self.of(None, devices)?;
         let (other, apart) = self.0.iter().find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;

@@ -30,7 +30,6 @@ pub(super) enum N2kStamp {
     None,
 }
 
-/// Content of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct N2kLine {
     pub(super) at: N2kStamp,

@@ -121,9 +121,7 @@ pub(in crate::sensors) struct Account {
     stamps: BTreeMap<String, Stamps>,
     /// Number of two-antenna headings with a float solution, and of all valid ones.
     antennas: [u64; 2],
-    /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,
-    /// Number of sentences accepted without a checksum.
     pub(in crate::sensors) unchecked: u64,
 }
 
@@ -173,7 +171,7 @@ impl Account {
         if self.unsafe_positions > 0 {
             all.push(Remark::fault(
                 format!(
-                    "{} positions are marked as unsafe by their receiver, and are taken as accurate to {UNSAFE_SD} m",
+                    "{} positions are marked as unsafe by their receiver: taken as accurate to {UNSAFE_SD} m",
                     self.unsafe_positions
                 ),
                 "check the antenna's view of the sky, and look for interference",

@@ -70,7 +70,6 @@ impl Attribution {
                 .map(|(now, timed)| (now, now.saturating_sub(timed)));
         }
     }
-    /// Whether the kind belongs to the next time.
     pub(super) fn leads(&self, kind: usize) -> bool {
         self.kinds.get(kind).is_some_and(|k| k.leads)
     }

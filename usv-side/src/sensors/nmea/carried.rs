@@ -59,7 +59,6 @@ impl CarriedMessage {
             data,
         })
     }
-    /// Parses the fields of PCDIN.
     pub(super) fn of_pcdin(fields: &[&str]) -> Option<Self> {
         let [pgn, counter, source, data] = fields else {
             return None;

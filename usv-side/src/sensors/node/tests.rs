@@ -347,7 +347,6 @@ proptest! {
     }
 }
 
-/// Fate of a message in transit.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Repeated,

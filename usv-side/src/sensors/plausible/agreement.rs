@@ -13,7 +13,6 @@ const MAX_DISAGREEING: f64 = 0.6;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
-    /// Length of an interval, s.
     pub(super) interval_s: f64,
     /// Maximum time between two values, s; after a longer gap the rate is unknown.
     pub(super) step_s: f64,

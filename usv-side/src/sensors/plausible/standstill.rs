@@ -4,7 +4,7 @@
 //! Evidence of motion is a swing of any channel of any sensor: a value that reverses twice by more than its
 //! noise. Waves cause two swings per period, a manoeuvre none. Each swing implies a minimum movement of other
 //! channels. A channel stands still if it does not change during several swings that imply clearly more than
-//! its resolution: the smallest recent change. One that never changed is assumed to be coarse; a heading of
+//! its resolution: the smallest recent change. A channel that never changed is assumed coarse; a heading of
 //! exactly zero from the start is a placeholder, assumed ten times finer.
 
 use core::f64::consts::PI;
@@ -42,7 +42,7 @@ const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
 /// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations.
 const SAME: f64 = 1e-9;
-/// Factor on the smallest change at each later change: old ones may be from another setting.
+/// Factor on the smallest change at each later change, because old changes may be from another setting.
 const FORGETTING: f64 = 1.005;
 /// Minimum distance travelled according to the fix's velocity over which an unchanged position stands still,
 /// m; its resolution is a thousandth of a minute or better.

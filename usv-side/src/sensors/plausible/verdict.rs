@@ -19,7 +19,7 @@ pub(super) enum Doubt {
     Jump(f64),
     /// Drift of the mean, per minute.
     Drift(f64),
-    /// Mean of a quantity that has none in waves.
+    /// Mean of a quantity that averages to zero in waves.
     Mean(f64),
     /// Root mean square difference from the rate of change of another channel.
     Disagreement(f64),

@@ -160,7 +160,6 @@ const READ: [&str; 11] = [
     "environment.heave",
 ];
 
-/// Whether any part of a path is read.
 pub(super) fn is_read(path: &str) -> bool {
     READ.contains(&path) || path.starts_with("navigation.gnss.")
 }

@@ -127,7 +127,6 @@ impl SignalKDecoder {
         self.decoded.ignored += 1;
         self.account.leave_out(name, Why::NotRead);
     }
-    /// Whether this is the server's own vessel.
     fn is_own(&self, context: Option<&str>) -> bool {
         let Some(context) = context else { return true };
         let vessel = context.strip_prefix("vessels.");
