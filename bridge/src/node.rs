@@ -241,7 +241,7 @@ impl Bridge {
         arrival: Time<DroneClock>,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
-        // The missing base may arrive after this message without being late, because a joining drone asks for it.
+        // The missing base may still arrive without being late, because a joining drone asks for it.
         if !self.updates.has_base(m) {
             return Ok(None);
         }

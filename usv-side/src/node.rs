@@ -106,7 +106,7 @@ impl SourceState {
     }
 }
 
-/// Source in use of a kind that is used one at a time.
+/// Source in use, for a kind of measurement of which only one source is used at a time.
 #[derive(Clone, Copy, Debug, Default)]
 struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 

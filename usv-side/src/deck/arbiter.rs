@@ -3,7 +3,7 @@
 //! Every drone reports its mission state ([`DroneStatus`], 2 Hz), and the arbiter publishes the deck owner ([`DeckGrant`],
 //! 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there is evidence that it
 //! has left: for several seconds it reports itself armed, in the air and at a distance, or the crew reports that it has
-//! left ([`claim`]). A single status is not enough, and silence is no evidence: a drone that owns the deck may have landed
+//! left ([`claim`]). A single status is not enough, and silence is not evidence: a drone that owns the deck may have landed
 //! and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore silence never
 //! transfers the deck to another drone without the crew. While another drone waits with a low battery, the arbiter raises
 //! an alarm ([`Starved`]), and that drone lands at the next place in its configured order.

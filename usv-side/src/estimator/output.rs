@@ -16,8 +16,8 @@ use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
 /// Standard deviation of the unknown part of a receiver's latency, s. Our choice: positions at 10 Hz arrive
-/// 20 to 100 ms late by the receivers' data sheets, and the minimum delay cannot be observed. The error is
-/// common to all fixes, so it does not average out.
+/// 20 to 100 ms late according to the receivers' data sheets, and the minimum delay cannot be observed. The
+/// error is common to all fixes, so it does not average out.
 const LATENCY_SD_S: f64 = 0.03;
 
 /// Course of the vessel: mean velocity (turning with the mean heading), modes, and the residual of both.

@@ -38,7 +38,7 @@ const WANTED: [(u32, f32); 6] = [
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
 const ATTITUDE_GOOD: u16 = 1;
-/// Attitudes rejected after a report without that flag (10 s at 25 Hz), until a report with it.
+/// Number of attitudes rejected after a report without that flag (10 s at 25 Hz), unless a report with it arrives.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;

@@ -38,8 +38,9 @@ config! {
         pub listen: Vec<String> = Vec::new();
         /// Endpoints to dial, such as `udp/192.168.7.1:7447`; for a drone.
         pub connect: Vec<String> = Vec::new();
-        /// Silence after which a datagram link is closed, s. Measured: after an outage of 5 s, TCP delivers a
-        /// backlog of 5.5 s with a lease of 10 s (the default), and fresh messages with 2 s.
+        /// Silence after which a datagram link is closed, s.
+        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with a lease of 10 s (the default),
+        /// and fresh messages with 2 s.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// Silence after which a stream or QUIC link is closed, s. Measured at 30 % loss and 100 ms: a stream
         /// is silent for over 2 s every 20 s and recovers within 5 s, while a new session takes 2 to 10 s.
