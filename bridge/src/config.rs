@@ -1,5 +1,3 @@
-//! Limits of the bridge.
-
 use alight_shared::config;
 
 config! {

@@ -241,7 +241,7 @@ impl Bridge {
         arrival: Time<DroneClock>,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
-        // The missing base may arrive after this message without being late, because a joining drone asks for it.
+        // The missing base may still arrive without being late, because a joining drone asks for it.
         if !self.updates.has_base(m) {
             return Ok(None);
         }
@@ -265,8 +265,8 @@ impl Bridge {
             Boot::Current => false,
             Boot::First => true,
             Boot::Second => return Err(RejectionReason::SecondSender),
-            // After a restart, times go on from where they were. If the vessel's clock went back, the first
-            // reply to our request proves the new boot.
+            // After a restart, times continue from their former values. If the vessel's clock was set back,
+            // the first reply to our request proves the new boot.
             Boot::Next if self.newest.is_some_and(|n| header.at > n) => true,
             Boot::Next | Boot::Other => return Err(RejectionReason::Boot),
         };
@@ -451,7 +451,7 @@ impl Node for Bridge {
     }
 }
 
-/// Copies only new messages, because a forecast has 10 kB.
+/// Copies only new messages, because a forecast takes 10 kB.
 fn keep_newest<T: Copy>(kept: &mut Option<T>, arrived: Option<&T>) {
     if let Some(arrived) = arrived {
         *kept = Some(*arrived);

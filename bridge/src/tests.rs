@@ -88,7 +88,8 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
     step(b, now, vec![estimate_packet(now, m)]).estimate
 }
 
-/// Bridge after `seconds` of exchanges, and the time then; `delays` of request and reply per 10 ms step.
+/// Bridge after `seconds` of exchanges, and the time at their end; `delays` returns those of request and
+/// reply for each 10 ms step.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
     let mut b = Bridge::new(&BridgeConfig::default(), 9);
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
@@ -277,13 +278,12 @@ fn second_computer_with_the_vessels_identity() {
     assert!(passed.len() > 500 && passed.iter().all(|(_, boot)| *boot == 1));
     let after = b.offset(drone(now + 20.0)).unwrap().offset_s;
     assert!((after - before).abs() < 0.01, "{before} {after}");
-    // The second computer is counted and reported.
     assert_eq!(b.second_sender(drone(now + 20.0)), Some(2));
     assert!(b.rejections().of(RejectionReason::SecondSender) > 500);
     assert_eq!(b.rejections().of(RejectionReason::Unsolicited), 0);
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
-    // It stays second in a radio outage of the current computer, even one as long as a descent.
+    // It remains the second computer during a radio outage of the current one, even one as long as a descent.
     let (mut b, now) = converged(0.05, 0.05, 5);
     let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));

@@ -18,7 +18,7 @@ use crate::time::{Clock, Span, Time};
 pub const RATE_HZ: f64 = 20.0;
 /// Averaging time of the specific force, s; shorter slides move the drone only by centimetres.
 const MEAN_S: f64 = 1.0;
-/// Maximum time between two estimates for an acceleration, s.
+/// Maximum time between two estimates whose velocities are differenced to an acceleration, s.
 const MAX_GAP_S: f64 = 0.3;
 /// Minimum normal force for a slope, m/s².
 const MIN_NORMAL_FORCE_MPS2: f64 = 0.5;
@@ -89,7 +89,7 @@ impl<C: Clock> ApparentSlope<C> {
         }
     }
 
-    /// Steepest slope of each window in units of [`SLOPE_STEP`], present one first; empty before the first.
+    /// Steepest slope of each window in units of [`SLOPE_STEP`], newest first; empty before the first window.
     pub fn slopes(&self, now: Time<C>) -> Seq<u8, SLOPE_WINDOWS> {
         let mut copy = ApparentSlope {
             windows: self.windows,

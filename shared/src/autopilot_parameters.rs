@@ -9,7 +9,7 @@ use core::fmt;
 /// Requirement on a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// Within these bounds, inclusive; an infinite bound is no limit.
+    /// Within these bounds, inclusive; an infinite bound means no limit.
     Within(f64, f64),
     /// Equal to this value, given with its name.
     Is(f64, &'static str),
@@ -47,7 +47,7 @@ pub struct Parameter {
 pub const REQUESTS: u32 = 10;
 
 /// PX4's parameters. After a lost link, at low battery or outside the fence, it must not fly to the home
-/// position or land there: the boat has left it, and home is water.
+/// position or land there: the boat has left it, and it is now open water.
 ///
 /// Source: PX4's parameter reference (main): Commander, Geofence, Return Mode.
 pub const PX4: &[Parameter] = &[
@@ -72,7 +72,7 @@ pub const PX4: &[Parameter] = &[
         severity: Severity::Reject,
         why: "this limits the deceleration of its descent without set-points",
     },
-    // Off is PX4's default and safer on the ground; instead, the set-points keep a minimum thrust.
+    // PX4's default is off, which is safer on the ground; instead, the set-points keep a minimum thrust.
     Parameter {
         name: "MC_AIRMODE",
         unit: "",
@@ -247,16 +247,16 @@ pub const ARDU_COPTER: &[Parameter] = &[
 /// ArduCopter parameter that selects the meaning of a set-point's thrust.
 pub const THRUST_OPTION: &str = "GUID_OPTIONS";
 
-/// PX4's parameters with the numbers that reasons carry.
+/// PX4's parameters, each with the number that identifies it in a reason.
 pub fn of_px4() -> impl Iterator<Item = (usize, &'static Parameter)> {
     PX4.iter().enumerate()
 }
-/// ArduCopter's parameters with the numbers that reasons carry, following PX4's.
+/// ArduCopter's parameters, numbered after PX4's.
 pub fn of_ardu_copter() -> impl Iterator<Item = (usize, &'static Parameter)> {
     ARDU_COPTER.iter().enumerate().map(|(k, p)| (PX4.len() + k, p))
 }
 
-/// Parameter with this number in a reason.
+/// Parameter that a reason identifies by this number.
 pub(crate) fn numbered(number: f64) -> Option<&'static Parameter> {
     let mut all = of_px4().chain(of_ardu_copter());
     all.find(|(k, _)| *k as f64 == number).map(|(_, p)| p)
@@ -288,7 +288,7 @@ impl Parameter {
             Wanted::Bits(bits) => (0.0..=1e9).contains(&value) && value as u32 & bits == bits,
         }
     }
-    /// Text about this value of the parameter.
+    /// Message about this value; if it is unsuitable, with the suitable ones and the reason.
     pub fn describe(&self, value: f64) -> impl fmt::Display + use<> {
         Described(*self, value)
     }
@@ -300,7 +300,7 @@ impl fmt::Display for Described {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Described(p, value) = self;
         let unit = p.unit;
-        // The value is displayed in single precision, as by the autopilot.
+        // In single precision, as the autopilot displays it.
         write!(f, "{} is {}{unit}", p.name, *value as f32)?;
         if p.suits(*value) {
             return Ok(());

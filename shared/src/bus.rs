@@ -1,7 +1,7 @@
 //! Bus between the rows of a computer, and wiring of nodes to it. A row is a node with its ports, run by one process.
 //!
 //! Each node declares its wiring once with [`wiring!`]: topics that it reads (newest or all messages),
-//! writes, and wakes at, and its checkpoint. The [`Bus`] is implemented in another crate.
+//! writes, and is woken by, and its checkpoint. The [`Bus`] is implemented in another crate.
 
 mod absent;
 
@@ -170,7 +170,7 @@ pub struct RowStep<N: Node> {
 }
 
 impl<N: Wired> RowStep<N> {
-    /// This step as an observer sees it, from a start of a process with this boot id.
+    /// This step as reported to observers, for a process that was started with this boot id.
     pub fn of(&self, process: ProcessKind, boot: u32) -> Step<'_> {
         Step {
             process,
@@ -215,7 +215,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
     pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
         let mut input = self.ports.read(clock().nanos());
         edge.read(&mut input);
-        // After the messages, so that no step precedes its input, even if the process was delayed in between.
+        // Read after the messages, so that no step precedes its input, even if the process was delayed in between.
         let at = clock();
         self.stepped = Some(at);
         let mut out = self.node.step(at, &input);
@@ -267,7 +267,7 @@ impl ReadCounts {
                 self.missed += ahead as u64 - 1;
                 self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
-            // A message counted as missed because others overtook it, or a repeated message.
+            // A message that was counted as missed because others overtook it, or a repetition.
             Some(behind @ -63..=0) => {
                 let own = 1 << -behind;
                 self.missed -= u64::from(self.read & own == 0);
@@ -320,7 +320,7 @@ macro_rules! computer {
             $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
         }
         impl<B: $crate::bus::Bus> Default for $computer<B> {
-            /// Computer whose processes do not run.
+            /// No process runs at first.
             fn default() -> Self {
                 $computer { $($row: None,)* }
             }
@@ -414,8 +414,8 @@ pub use crate::readers;
 /// }
 /// ```
 ///
-/// Inputs from an edge (packets, frames) stay empty for its owner. `edge` and `saves` are optional. Every
-/// field of the input must be named.
+/// Ports leave inputs from an edge (packets, frames) empty; the edge fills them. `edge` and `saves` are
+/// optional. Every field of the input must be named.
 #[macro_export]
 macro_rules! wiring {
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
@@ -609,7 +609,7 @@ mod tests {
         let again = ports.read(0);
         assert!(again.plan_in.is_none() && again.ranges.is_empty());
 
-        // From the first checkpoint written, the predecessor's is not read any more.
+        // Once a checkpoint has been written, the predecessor's is no longer read.
         assert!(!ports.write(&Out {
             kept: Some(MissionCheckpoint::default()),
             ..Out::default()

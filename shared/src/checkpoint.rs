@@ -17,7 +17,7 @@ use crate::wire::{self, WireError};
 
 /// Timeout for the stored checkpoint: 15 of its periods.
 const TIMEOUT: Span = Span::from_millis(300);
-/// Maximum time of a checkpoint ahead of its reader's clock.
+/// Maximum time by which a checkpoint may lie ahead of its reader's clock.
 const AHEAD: Span = Span::from_millis(50);
 
 /// Reason for rejecting a checkpoint.
@@ -29,7 +29,7 @@ pub enum CheckpointRejection {
     OtherDrone,
     /// Too old, or from the future.
     Age,
-    /// Contains a number that its writer cannot write.
+    /// Contains a number outside the range that its writer produces.
     Damaged,
     /// Written in another boot of the computer, on another clock, or for another vessel.
     OtherOwner,
@@ -189,7 +189,7 @@ impl CheckpointStore {
     pub fn answer<M: Checkpoint>(&self, boot: u32) -> Option<M> {
         Some(self.newest()).filter(|m: &M| m.header().boot != boot)
     }
-    /// Part that stays valid across a reboot of the computer: the purpose of the flight.
+    /// Part that remains valid across a reboot of the computer: the purpose of the flight.
     pub fn lasting(&self) -> CheckpointStore {
         let mut kept = CheckpointStore::default();
         let mission = self.mission.get().and_then(MissionCheckpoint::lasting);
@@ -218,9 +218,9 @@ impl CheckpointStore {
     }
 }
 
-/// Bus endpoint of the supervisor: takes the newest checkpoint of each node into a [`CheckpointStore`] and publishes it
-/// on the same topic, where a starting node looks for one of another boot. Without a checkpoint it publishes one with
-/// boot 0.
+/// Bus endpoint of the supervisor: takes the newest checkpoint of each node into a [`CheckpointStore`] and
+/// publishes it on the same topic, where a starting node reads a checkpoint from another boot. Without a
+/// checkpoint it publishes one with boot 0.
 pub struct Republisher<B: Bus> {
     store: CheckpointStore,
     predictor: Republished<B, PredictorCheckpoint>,
@@ -277,7 +277,7 @@ impl<B: Bus, M: Plain + Checkpoint> Republished<B, M> {
             own: bus.writer()?,
         })
     }
-    /// Returns whether a new checkpoint arrived. Own publications come back and are not newer.
+    /// Returns whether a new checkpoint arrived. The endpoint also receives its own publications, which are never newer.
     fn take(&mut self, now: Time<DroneClock>, store: &mut CheckpointStore) -> bool {
         let taken = |new, m| store.take(now, Some(&m)) | new;
         self.nodes.all(now.nanos()).into_iter().fold(false, taken)
@@ -326,7 +326,7 @@ mod tests {
         assert_eq!(k.answer(8), Some(mission(7, 1.0)));
     }
 
-    /// After a reboot, with any new clock, the purpose of the flight remains, but is no fresh checkpoint.
+    /// After a reboot, whatever the new clock reads, the purpose of the flight survives, and no checkpoint counts as fresh.
     #[test]
     fn store_after_a_reboot() {
         assert!(store().lasting().is_empty());

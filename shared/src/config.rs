@@ -32,7 +32,7 @@ pub enum ConfigError {
         message: String,
     },
     /// A value outside its range.
-    #[error("configuration key `{key}` is {value}: allowed is {allowed}; correct it and try again")]
+    #[error("configuration key `{key}` is {value}; allowed: {allowed}; correct it and try again")]
     Range {
         /// Dotted key.
         key: String,
@@ -107,7 +107,7 @@ impl<T: InRange> InRange for Option<T> {
 ///         pub power_w: f64 = 100.0, in 0.0..=2000.0;
 ///         /// Names of its switches.
 ///         pub switches: Vec<String> = vec!["main".into()];
-///         /// Where it stands: a table of its own.
+///         /// Its location, a nested table.
 ///         pub deck: alight_shared::geometry::DeckGeometry;
 ///     }
 ///     check |this, at| {
@@ -115,7 +115,7 @@ impl<T: InRange> InRange for Option<T> {
 ///     }
 /// }
 /// ```
-/// `= DEFAULT, table` gives a nested table a default that differs from its own.
+/// `= DEFAULT, table` gives a nested table a default other than its own.
 #[macro_export]
 macro_rules! config {
     (
@@ -255,8 +255,8 @@ impl<'a> Keys<'a> {
     }
 }
 
-/// Parses and checks a configuration; `origin` names it in errors. A list longer than its type is an error
-/// with the key's meaning; a former table, one with its replacement.
+/// Parses and checks a configuration; `origin` names it in errors. If a list is longer than its type, the
+/// error states the meaning of the key; for a former table, it names the replacement.
 pub fn parse<T: DeserializeOwned + Check>(text: &str, origin: &str) -> Result<T, ConfigError> {
     let meaning = |key: &str| {
         let mut meanings = BTreeMap::new();
@@ -384,11 +384,11 @@ mod tests {
 
     #[test]
     fn config_error_with_key_value_and_range() {
-        assert!(error("power_w = 1e4").contains("`power_w` is 10000: allowed is 0 to 2000"));
+        assert!(error("power_w = 1e4").contains("`power_w` is 10000; allowed: 0 to 2000"));
         assert!(error("power_w = nan").contains("NaN"));
         let nested = error("[spare]\nspeed_rpm = 5");
         assert!(
-            nested.contains("`spare.speed_rpm` is 5: allowed is 100 to 3000"),
+            nested.contains("`spare.speed_rpm` is 5; allowed: 100 to 3000"),
             "{nested}"
         );
         assert!(error("switches = []").contains("one name or more"));

@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Coordinate frame.
 pub trait Frame: Copy + PartialEq + 'static {
-    /// Name for messages.
+    /// Name used in messages.
     const NAME: &'static str;
 }
 

@@ -11,7 +11,7 @@ use crate::frames::Vector;
 const A: f64 = 6_378_137.0;
 const F: f64 = 1.0 / 298.257_223_563;
 const E2: f64 = F * (2.0 - F);
-/// Iterations for a latitude: each reduces the error by 1 / `E2` = 150; these reach the last bit.
+/// Iterations for a latitude: each reduces the error by 1 / `E2` = 150; this number reaches the last bit.
 const ITERATIONS: usize = 8;
 
 /// Speed of one knot, m/s: one nautical mile per hour.

@@ -21,7 +21,7 @@ const NEAR_DEG: f64 = 0.002;
 pub struct Undulation {
     /// EGM96 to degree 360, m, positive up.
     pub height_m: f64,
-    /// Standard deviation of a receiver's undulation about `height_m`, m; constant, does not average out.
+    /// Standard deviation of a receiver's undulation about `height_m`, m: a constant error that averaging does not reduce.
     pub sigma_m: f64,
 }
 
@@ -58,7 +58,7 @@ fn coarse(latitude: f64, longitude: f64) -> f64 {
     (1.0 - u) * row(south) + u * row(south + COARSE_DEG)
 }
 
-/// Geoid along a path, computed again after a move.
+/// Geoid along a path, recomputed after a move.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LocalGeoid {
     last: Option<([f64; 2], Undulation)>,

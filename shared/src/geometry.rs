@@ -94,7 +94,7 @@ impl DroneGeometry {
 }
 
 config! {
-    /// Nominal drone geometry used by planner and pilot; the actual values differ.
+    /// Nominal drone geometry used by planner and pilot; the actual drone deviates from it.
     ///
     /// Defaults: The paper's drone: 3.5 kg on a Tarot T650 (Procházka 2024; mass, rotor arm), inertia and
     /// thrust limit as derived from ctu-mrs `t650`: rotor force 7.3385e-7 N/rpm² up to 5832 rpm.

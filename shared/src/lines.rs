@@ -5,7 +5,7 @@
 pub enum Cut {
     /// Non-empty line without its terminator.
     Line(Vec<u8>),
-    /// Line beyond the maximum length; its content is dropped.
+    /// Line longer than the maximum; its content is dropped.
     Overlong,
 }
 
@@ -58,14 +58,14 @@ impl LineBuffer {
             false => (!line.is_empty()).then_some(Cut::Line(line)),
         }
     }
-    /// Lines completed by these bytes; overlong ones are counted.
+    /// Returns the lines that these bytes complete, and counts overlong ones.
     pub fn whole(&mut self, bytes: &[u8], overlong: &mut u64) -> Vec<Vec<u8>> {
         bytes
             .iter()
             .filter_map(|byte| self.push(*byte)?.line(overlong))
             .collect()
     }
-    /// Last line without terminator; an overlong one is counted.
+    /// Returns a last line without a terminator; counts an overlong one.
     pub fn last(&mut self, overlong: &mut u64) -> Option<Vec<u8>> {
         self.end()?.line(overlong)
     }

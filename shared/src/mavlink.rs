@@ -19,8 +19,8 @@ pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
 pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
-/// `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read: number and CRC_EXTRA. The whole
-/// dialect would be as large as the common one.
+/// `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read: number and CRC_EXTRA. Its whole
+/// dialect is as large as the common one.
 pub const EKF_STATUS_REPORT: (u32, u8) = (193, 71);
 
 /// Common dialect and the ArduPilot messages that are read.
@@ -58,7 +58,7 @@ impl Dialect for Known {
     }
 }
 
-/// Maximum number of bytes waiting to be decoded; any excess is lost, as on a full wire.
+/// Maximum number of bytes waiting to be decoded; any excess is lost, as on a saturated link.
 pub const MAX_WAITING: usize = 1 << 16;
 
 /// Bytes ready to be read; `WouldBlock` when empty.
@@ -78,7 +78,7 @@ impl Read for Waiting {
     }
 }
 
-/// Frame with a correct checksum.
+/// Frame with a valid checksum.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RawFrame {
     /// System of the sender.
@@ -114,7 +114,7 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
-    /// Predicate, by number and payload, for messages accepted with any signature time.
+    /// Selects messages, by number and payload, that are accepted with any signature time.
     whenever: Option<fn(u32, Fields<'_>) -> bool>,
 }
 
@@ -142,7 +142,7 @@ impl FrameReader {
             ..FrameReader::default()
         }
     }
-    /// Accepts messages selected by `message` with any signature time, despite a clock error or replay.
+    /// Accepts messages selected by `message` with any signature time, to tolerate a wrong clock or a replay.
     #[must_use]
     pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
         FrameReader {
@@ -306,7 +306,7 @@ impl From<&dialect::MavMessage> for Outgoing {
     }
 }
 
-/// Encoder of messages from number and payload.
+/// Message already encoded as number and payload.
 struct Bytes(u8);
 
 impl Dialect for Bytes {

@@ -105,7 +105,7 @@ names! {
     LongestStep: "longest time between steps",
     LateSteps: "late steps",
     ;
-    // The number of a name is part of the layout: append names at the end and increase the message version.
+    // The number of a name is part of the message layout: append names at the end, and increase the message version.
     DroneSessions: "sessions of drones",
     NewestAsked: "newest messages asked for",
     VesselSession: "sessions of the vessel",
@@ -199,7 +199,7 @@ impl Metric {
     }
 }
 
-/// Readable formats get an object of names and values, binary formats the list.
+/// Serialises an object of names and values for readable formats, the list for binary ones.
 pub(crate) fn serialize<S: Serializer>(metrics: &Metrics, s: S) -> Result<S::Ok, S::Error> {
     if s.is_human_readable() {
         s.collect_map(metrics.iter().map(|m| (m.key(), m.json())))

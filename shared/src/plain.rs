@@ -1,4 +1,5 @@
-//! Plain data that may be transported in shared memory, with each type's topic. Another crate transports it.
+//! Plain data that may be transported in shared memory, with the topic of each type. Another crate implements
+//! the transport.
 #![allow(unsafe_code)]
 
 use core::fmt::Debug;
@@ -89,14 +90,14 @@ mod tests {
         [size_of::<Option<T>>(), inside - from_ref(&some).addr()]
     }
 
-    /// The rules of deploy/docs/radio.md, by which other programs read shared memory.
+    /// Rules by which other programs read shared memory (deploy/docs/radio.md).
     #[test]
     fn optional_values_in_memory() {
-        // A tag as wide as the alignment, and then the value.
+        // A tag as wide as the alignment, followed by the value.
         assert_eq!((layout(1.0_f64), layout([1_u32; 2])), ([16, 8], [12, 4]));
         assert_eq!([0, 7].map(|k| byte(&Some(1.0_f64), k)), [1, 0]);
         assert_eq!([0, 7].map(|k| byte(&None::<f64>, k)), [0, 0]);
-        // No tag: an invalid number in the widest gap of the value's numbers.
+        // No tag: None is an invalid number in the widest gap between the valid numbers of the value.
         assert_eq!(layout(Reason::default()), [size_of::<Reason>(), 0]);
         let code = byte(&None::<Reason>, offset_of!(Reason, code));
         assert_eq!(usize::from(code), ReasonCode::ALL.len());

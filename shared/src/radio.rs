@@ -1,4 +1,4 @@
-//! Radio between the computers: topics with sender, reader, urgency, and whether the newest is held.
+//! Topics of the radio between the computers, with sender, reader, urgency, and whether the newest message is held.
 
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ pub struct RadioRow {
     pub to: RadioEnd,
     /// Urgency of the messages.
     pub urgency: Urgency,
-    /// The sender holds the newest message for computers that join later, as it is rare.
+    /// The sender holds the newest message for computers that join later, because it is sent rarely.
     pub held: bool,
 }
 

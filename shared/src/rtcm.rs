@@ -62,7 +62,7 @@ pub fn number(frame: &[u8]) -> Option<RtcmNumber> {
     Some(RtcmNumber { message, subtype })
 }
 
-/// Station number of a frame that is not u-blox's own: the twelve bits after the message number.
+/// Station number in a frame, unless it is u-blox's proprietary message: the twelve bits after the message number.
 pub fn station(frame: &[u8]) -> Option<u16> {
     let [_, _, _, _, high, low, ..] = *frame else {
         return None;
@@ -89,7 +89,7 @@ pub fn base_place(frame: &[u8]) -> Option<Datum> {
     Some(Datum::from_ecef(ecef)).filter(Datum::is_on_earth)
 }
 
-/// Whole frames one after the other, each with its number; None if other bytes are in between.
+/// Consecutive whole frames, each with its number; None if there are other bytes in between.
 pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
     let (mut all, mut rest) = (Vec::new(), bytes);
     while !rest.is_empty() {

@@ -149,7 +149,7 @@ pub enum SchemaKind<'a> {
 }
 
 impl<'a> SchemaKind<'a> {
-    /// Encoding described by a schema; for an optional value, that of the value.
+    /// Encoding described by a schema; for an optional value, the encoding of the value itself.
     pub fn of(schema: &'a Object) -> SchemaKind<'a> {
         let of_type = match schema.get("type") {
             Some(Value::Array(types)) => types.iter().find_map(|t| t.as_str().filter(|t| *t != "null")),
@@ -236,7 +236,7 @@ impl<'a> SchemaKind<'a> {
             | SchemaKind::Unknown => false,
         }
     }
-    /// Name for documents.
+    /// Name used in the documentation.
     pub fn name(&self) -> String {
         match self {
             SchemaKind::Number(format) => short(format).into(),

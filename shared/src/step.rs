@@ -1,4 +1,4 @@
-//! Read-only view of a node's step for observers: a log writes it, and a test reads it.
+//! Read-only view of a node's step for observers such as a log or a test.
 
 use core::any::Any;
 

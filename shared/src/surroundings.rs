@@ -32,7 +32,7 @@ config! {
     /// Obstacles around the landing deck, and permitted flight directions.
     pub struct SurroundingsConfig {
         /// Keep-out volumes (mast, antennas, A-frame, crew area), at most 8: boxes along the vessel's axes,
-        /// each by two opposite corners in the vessel's body frame, m.
+        /// each given by two opposite corners in the vessel's body frame, m.
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
         /// Bearings of low approaches over the vessel, from first clockwise to second, relative to the bow,
         /// deg.

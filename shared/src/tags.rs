@@ -45,9 +45,9 @@ pub enum ForeignTag {
     Family25h9,
     /// Tag of the family standard 41h12.
     Family41h12,
-    /// Black square on white with a pattern that is no tag of these families, mirrored or not.
+    /// Black square on white with a pattern that matches no tag of these families, mirrored or not.
     Unknown,
-    /// Rows of this many pixels, another number than the image's width.
+    /// Image with rows of this many pixels instead of the configured width.
     RowLength(u16),
 }
 
@@ -78,10 +78,10 @@ impl fmt::Display for ForeignTag {
             Self::Number(n) => write!(f, "a tag in view has number {n}, which is not on the deck"),
             Self::Mirrored(n) => write!(f, "a tag in view is mirrored (number {n}): it is never detected"),
             Self::Inverted(n) => write!(f, "a tag in view is a negative (number {n}): it is never detected"),
-            Self::Family25h9 => f.write_str("a tag in view is of another family (25h9): 36h11 alone is detected"),
-            Self::Family41h12 => f.write_str("a tag in view is of another family (41h12): 36h11 alone is detected"),
+            Self::Family25h9 => f.write_str("a tag in view is of another family (25h9): only 36h11 is detected"),
+            Self::Family41h12 => f.write_str("a tag in view is of another family (41h12): only 36h11 is detected"),
             Self::Unknown => f.write_str(
-                "a marker in view is no tag 36h11: a mirrored image (one of hflip, vflip), another family, or partly covered",
+                "a marker in view is not a 36h11 tag: a mirrored image (one of hflip, vflip), another family, or partly covered",
             ),
             Self::RowLength(n) => write!(f, "the image has rows of {n} bytes: another size or format than the lens's"),
         }
@@ -96,10 +96,10 @@ const SMALL_M: f64 = 0.09;
 /// the circle's. Seven discs of that radius cover a disc of twice the radius, 0.2 m of landing error, if the
 /// ring has sqrt(3) times the radius.
 const RING_M: f64 = 0.173;
-/// Maximum side of the two distant and of the two intermediate tags, m: decoded from 16 m and from 5 m.
+/// Maximum sides of the two long-range and the two mid-range tags, m, which are decoded from 16 m and from 5 m.
 const LARGE_M: [f64; 2] = [0.8, 0.25];
-/// Minimum side of the distant tags, m: 20 px from the tracking height of 7 m. A shorter deck has room for
-/// one tag, at most the paper's metre and 0.7 of the deck, for its margin.
+/// Minimum side of the long-range tags, m: 20 px from the tracking height of 7 m. A shorter deck has room for
+/// one tag, of at most the paper's 1 m and 0.7 of the deck to leave room for the margin.
 const MIN_LARGE_M: f64 = 0.44;
 const ALONE: (f64, f64) = (1.0, 0.7);
 
@@ -115,13 +115,13 @@ pub fn of_vessel(tags: &Tags, vessel: u32) -> Tags {
     let first = first_number(vessel);
     Seq::filled(tags.iter().zip(first..).map(|(tag, id)| DeckTag { id, ..*tag }))
 }
-/// Whether the ids are the defaults, common to all boats without ids of their own.
+/// Whether the ids are the defaults, which all boats without their own ids share.
 pub fn are_anybodys(tags: &[DeckTag]) -> bool {
     tags.iter().any(|tag| usize::from(tag.id) < MAX_TAGS)
 }
 
 /// Suggested tags for a deck of this size: seven small ones about its centre for the last metre, two
-/// intermediate ones at the sides, two large ones fore and aft; one if the deck is too short.
+/// mid-range ones at the sides, two large ones fore and aft; one if the deck is too short.
 pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     let ring = core::array::from_fn::<_, 6, _>(|k| (60.0 * k as f64 + 30.0).to_radians().sin_cos());
     let inner = [ring[0].1, 1.0].map(|reach| RING_M * reach + 0.5 * MARGIN * SMALL_M);

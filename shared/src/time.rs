@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 /// Clock of a time.
 pub trait Clock: Copy + fmt::Debug + Default + Ord + Hash + 'static {
-    /// Name for messages.
+    /// Name used in messages.
     const NAME: &'static str;
 }
 

@@ -18,7 +18,7 @@ pub enum Medium {
 }
 
 impl Medium {
-    /// Name for display and programs.
+    /// Name for display and for other programs.
     pub const fn name(self) -> &'static str {
         match self {
             Medium::Radio => "radio",

@@ -1,5 +1,5 @@
-//! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`].
-//! bincode is used here only.
+//! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`]. No
+//! other module uses bincode.
 
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
@@ -95,14 +95,13 @@ pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     Ok(hash.digest())
 }
 
-/// Hash of bytes (XXH3).
 pub fn hash_bytes(bytes: &[u8]) -> u64 {
     let mut hash = Xxh3Default::new();
     hash.update(bytes);
     hash.digest()
 }
 
-/// Appends a record to `to`, as [`encode_record`] without an allocation.
+/// Appends a record to `to`, like [`encode_record`] but without an allocation.
 pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> Result<(), WireError> {
     bincode::serde::encode_into_std_write(record, to, record_config())
         .map(|_| ())
@@ -112,7 +111,6 @@ pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> 
         })
 }
 
-/// Encodes a message.
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
     bincode::serde::encode_to_vec(message, config()).map_err(|source| WireError::Encode {
         name: short_name::<T>(),

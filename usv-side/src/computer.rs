@@ -140,7 +140,6 @@ pub struct VesselNodes {
     pub sensors: SourcesConfig,
     pub vessel: VesselNodeConfig,
     pub deck: DeckConfig,
-    /// Drones that receive operator commands.
     pub drones: Vec<u32>,
 }
 
@@ -168,7 +167,6 @@ pub struct VesselComputer {
     follows_another: Option<FollowsAnother>,
     /// Last reported pair of silent owner and waiting drone.
     starved: Option<[u32; 2]>,
-    /// Inertial sensors reported as stuck.
     stuck: [bool; MAX_SOURCES],
     rejected: Rejections,
     crew: CrewOrders,
@@ -243,7 +241,7 @@ impl VesselComputer {
         own
     }
 
-    /// Events for changes of the deck's owner and of double drone numbers.
+    /// Events for changes of the deck's owner and of drone numbers that are used twice.
     fn deck_events(
         &mut self,
         now: Time<VesselClock>,

@@ -1,5 +1,3 @@
-//! Configuration of the vessel's node.
-
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::surroundings::SurroundingsConfig;

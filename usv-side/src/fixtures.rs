@@ -1,5 +1,3 @@
-//! Fixtures for the tests of several modules.
-
 use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
 use proptest::sample::Index;
@@ -19,7 +17,7 @@ pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
     alight_shared::rtcm::frame(&content)
 }
 
-/// Measurements and final state of `decoder` after bytes in parts of `cut`.
+/// Measurements and final state of `decoder` after decoding the bytes in pieces of `cut` bytes.
 pub(crate) fn decode<D: SensorDecoder>(
     mut decoder: D,
     bytes: &[u8],

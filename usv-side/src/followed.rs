@@ -1,5 +1,5 @@
-//! Boot of the computer that the drones follow, from the newest estimate named by each time request. If it
-//! stays another boot for long, a second computer publishes with this vessel's identity.
+//! Boot of the computer that the drones follow, from the newest estimate named by each time request. If that
+//! remains another boot, a second computer publishes with this vessel's identity.
 
 use std::collections::BTreeMap;
 
@@ -80,7 +80,7 @@ mod tests {
             followed.observe(1, &[Arrival { at, sender, message }]);
             followed.another(at, 9).map(|f| (f.drone, f.boot))
         };
-        // After a restart, the drone names the former boot for a while.
+        // After a restart, the drone's requests still name the former boot for a short time.
         assert!((0..6).all(|k| asks(0.5 * f64::from(k), 3, 8).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 3, 9).is_none()));
         assert!((6..40).all(|k| asks(0.5 * f64::from(k), 4, 0).is_none()));

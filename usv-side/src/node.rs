@@ -20,9 +20,9 @@ use crate::sensors::{Measurement, Readings, RepeatedSamples};
 
 /// Maximum number of inputs of one kind per step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;
-/// Maximum time of a measurement ahead of `now` (rounding of stamps), s.
+/// Maximum time by which a measurement may lie ahead of `now` (rounding of stamps), s.
 const FUTURE_S: f64 = 0.02;
-/// Silence after which the next inertial (or attitude) sensor is used, s; earlier would mix their samples.
+/// Silence after which the next inertial (or attitude) sensor is used, s; an earlier change would mix their samples.
 const SOURCE_TIMEOUT_S: f64 = 0.5;
 /// Maximum age of an attitude, s; it drives the filter like an inertial sample.
 const MAX_ATTITUDE_AGE_S: f64 = 0.5;
@@ -49,10 +49,8 @@ impl From<Readings> for VesselIn {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct VesselOut {
     pub estimate: Option<VesselEstimate<VesselClock>>,
-    /// Radio form of the estimate.
     pub estimate_update: Option<EstimateUpdate<VesselClock>>,
     pub wave: Option<WaveModel<VesselClock>>,
-    /// Radio form of the wave model.
     pub wave_update: Option<WaveUpdate<VesselClock>>,
     pub prediction: Option<VesselPrediction<VesselClock>>,
     /// Obstacles around the deck, when due; None without obstacles.
@@ -71,7 +69,7 @@ const ATTITUDE: usize = 3;
 pub struct SourceCounts {
     /// Measurements passed to the filter.
     pub taken: u64,
-    /// Passed measurements with a component that the filter's gate rejected; inertial samples count by filter step.
+    /// Passed measurements with a component that the filter's gate rejected; inertial samples are counted by filter step.
     pub outliers: u64,
     /// Measurements not newer than the previous one of their source: out of order or repeated.
     pub out_of_order: u64,
@@ -108,7 +106,7 @@ impl SourceState {
     }
 }
 
-/// Source in use of a kind that is used one at a time.
+/// Source in use, for a kind of measurement of which only one source is used at a time.
 #[derive(Clone, Copy, Debug, Default)]
 struct SelectedSource(Option<(u8, Time<VesselClock>)>);
 
@@ -215,7 +213,7 @@ impl VesselNode {
             max_age: Span::from_secs(max_age_s),
         };
         for m in measurements.iter().take(MAX_PER_STEP) {
-            // An invalid source number counts with the last source.
+            // A measurement with an invalid source number is counted for the last source.
             let source = usize::from((*m).into().source()).min(MAX_SOURCES - 1);
             let state = &mut self.sources[kind][source];
             let admitted = rule.admit(now, m, state.newest.as_ref());

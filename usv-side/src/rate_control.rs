@@ -3,11 +3,11 @@
 //! Each time request of a drone states the time of validity of its newest estimate. The time from there to
 //! the request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next
 //! request and the delay back. Its minimum over the last minute is the delay of a free link; the excess is
-//! queueing delay. Loss is no sign of congestion, because a bad link loses messages at any rate. The rate
+//! queueing delay. Loss is not a sign of congestion, because a bad link loses messages at any rate. The rate
 //! rises quickly to the last point of congestion, slowly beyond it, and falls by a factor (Jacobson 1988).
 //!
-//! All drones receive one broadcast. The worst link limits its rate; during a descent, the descending drone's
-//! alone: a drone that connects in the meantime waits.
+//! All drones receive one broadcast. The worst link limits its rate; during a descent only the descending
+//! drone's link does, and a drone that connects in the meantime waits.
 
 use alight_shared::config;
 use alight_shared::time::{Time, VesselClock};
@@ -134,7 +134,7 @@ impl RateControl {
         }
     }
 
-    /// Fraction of full rates for estimates, by the descending drone's link or the worst; 1 without links.
+    /// Fraction of full rates for estimates, limited by the descending drone's link or else by the worst; 1 without links.
     pub fn rate_fraction(&self) -> f64 {
         let landing = self.links.iter().find(|l| self.landing == Some(l.drone));
         let worst = || self.links.iter().map(|l| l.rate_fraction).reduce(f64::min);

@@ -134,7 +134,7 @@ mod tests {
         let all = passed(&mut relay, 5.0, 400);
         assert!(
             all.iter().all(|epoch| epoch.contains(&1005)),
-            "a base's place was dropped: {all:?}"
+            "a base position was dropped: {all:?}"
         );
         let observations = |epoch: &Vec<u16>| epoch.iter().filter(|n| (1070..1200).contains(*n)).count();
         let observed: Vec<usize> = all.iter().map(observations).collect();

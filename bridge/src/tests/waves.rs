@@ -1,5 +1,3 @@
-//! Wave models and predictions on the radio.
-
 use super::*;
 use alight_shared::msg::{WaveMode, WaveModel, WaveSender, WaveUpdate};
 

@@ -67,7 +67,7 @@ class MovingBase(unittest.TestCase):
 
     def test_base_without_its_place(self):
         findings = self.found([self.frame("1087")])
-        (remedy,) = [findings[text] for text in findings if "RTCM lacks the base's place" in text]
+        (remedy,) = [findings[text] for text in findings if "RTCM lacks the base position" in text]
         self.assertIn("Moving base", remedy)
         self.assertTrue(any("without its biases (1230)" in text for text in findings), findings)
 

@@ -34,7 +34,7 @@ impl AccessRejection {
         AccessRejection::Name,
         AccessRejection::Key,
     ];
-    /// Name for messages.
+    /// Name used in messages.
     pub const fn name(self) -> &'static str {
         match self {
             AccessRejection::NoCertificate => "no certificate",

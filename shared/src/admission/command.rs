@@ -1,7 +1,7 @@
-//! Admission rules for operator commands. The mission uses all of them, the vessel's relay and the drone's bridge some.
+//! The mission applies all of them; the vessel's relay and the drone's bridge apply some.
 //!
-//! - A command is accepted once. Its repetitions carry its original time and are recognised by it within the
-//!   clocks' error, even with another sequence number or from a restarted relay.
+//! - A command is accepted once. Its repetitions carry its original time, by which they are recognised to
+//!   within the clock error, even with another sequence number or from a restarted relay.
 //! - Commands are accepted in the order of their times while they are fresh.
 //! - An abort overrides all others: it is accepted at any age, even after newer commands, but only once.
 //! - A landing that another sender orders within [`UNAWARE_OF_ABORT`] of an abort is rejected.
@@ -11,15 +11,15 @@ use crate::msg::{CommandKind, Header, MESSAGE_VERSION, OperatorCommand};
 use crate::time::{Clock, Span, Time};
 use crate::topics;
 
-/// Time after an abort within which another sender cannot know of it.
+/// Time after an abort during which another sender may not have received it.
 pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);
-/// Maximum time difference of a command's repetitions: the clocks' error.
+/// Maximum time difference between repetitions of a command: the clock error.
 const SAME_COMMAND: Span = Span::from_millis(100);
-/// Maximum time of a command ahead of now: the clocks' error before synchronisation.
+/// Maximum time by which a command may lie in the future: the clock error before synchronisation.
 const LEAD: Span = Span::from_millis(500);
 
 impl<C: Clock> OperatorCommand<C> {
-    /// Whether this is a landing or take-off order of another sender that cannot know of `abort` yet.
+    /// Whether this is a landing or take-off order from another sender that may not have received `abort` yet.
     pub fn is_unaware_of(&self, abort: &Header<C>) -> bool {
         let h = &self.header;
         let begins = matches!(
@@ -30,7 +30,7 @@ impl<C: Clock> OperatorCommand<C> {
     }
 }
 
-/// Whether a command is accepted despite this reason: an abort at any age and clock offset.
+/// Whether a command is accepted despite this reason: an abort is, at any age and clock offset.
 pub fn counts_despite(kind: CommandKind, reason: RejectionReason) -> bool {
     let time = matches!(
         reason,
@@ -63,7 +63,7 @@ impl<C: Clock> CommandAdmission<C> {
         CommandAdmission {
             newest,
             abort,
-            // The sender repeats an order until it is acknowledged.
+            // The sender repeats an order until it is acknowledged, so none is acknowledged at the start.
             order: None,
             rejected: Rejections::default(),
         }
@@ -72,11 +72,11 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn newest(&self) -> Option<OperatorCommand<C>> {
         self.newest
     }
-    /// Newest accepted abort, with boot and sequence of its newest repetition, so that all are acknowledged.
+    /// Newest accepted abort, with boot and sequence of its newest repetition, so that every repetition is acknowledged.
     pub fn abort(&self) -> Option<Header<C>> {
         self.abort
     }
-    /// Boot and sequence of the newest other accepted command or of its newest repetition.
+    /// Boot and sequence number of the newest accepted command other than an abort, or of its newest repetition.
     pub fn order(&self) -> Option<[u32; 2]> {
         self.order
     }
@@ -84,7 +84,7 @@ impl<C: Clock> CommandAdmission<C> {
     pub fn rejected(&self) -> &Rejections {
         &self.rejected
     }
-    /// Discards all commands before `now` except an abort, because somebody has taken over the drone.
+    /// Discards all commands before `now` except an abort, because the drone has been taken over manually.
     pub fn supersede(&mut self, now: Time<C>) {
         self.newest = Some(OperatorCommand {
             header: Header::new(0, 0, 0, 0, now),
@@ -128,7 +128,7 @@ impl<C: Clock> CommandAdmission<C> {
         if self.abort.is_some_and(|a| command.is_unaware_of(&a)) {
             return Err(RejectionReason::Unaware);
         }
-        // A corrupt time ahead must not block later commands, nor a late abort admit earlier ones.
+        // A corrupt time in the future must not block later commands, and a late abort must not admit earlier ones.
         let at = if late.is_none() { h.at } else { now };
         let header = Header { at, ..*h };
         self.newest = Some(OperatorCommand { header, ..*command });
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn command_admission_table() {
-        // Each line: commands accepted at their own times, then a command at a time and its expected result.
+        // Each row: commands accepted at their own times, then the arrival time of a further command, and its result.
         let before_landing: &[TestCommand] = &[(9, 1, 10.0, Land)];
         let before_abort: &[TestCommand] = &[(9, 1, 10.0, Land), (9, 2, 20.0, Abort)];
         let landing_again: &[TestCommand] = &[(5, 1, 10.0, Abort), (9, 1, 20.0, Land)];
@@ -202,7 +202,7 @@ mod tests {
             (&[], 9.0, (9, 1, 10.0, Hold), Err(Future)),
             (&[], 60.0, (9, 1, 10.0, Abort), Ok(())),
             (&[], 9.0, (9, 1, 10.0, Abort), Ok(())),
-            // The relay's repetition has another sequence number and the clocks' error.
+            // The relay's repetition has another sequence number and a time that differs by the clock error.
             (before_landing, 10.5, (9, 2, 10.0, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 10.04, Land), Err(Duplicate)),
             (before_landing, 10.5, (9, 2, 9.96, Land), Err(Duplicate)),
@@ -212,7 +212,7 @@ mod tests {
             // Another operator's hold at almost the same time, through the same relay.
             (before_landing, 10.5, (9, 2, 10.05, Hold), Ok(())),
             (before_landing, 10.5, (9, 2, 9.5, Hold), Err(OutOfOrder)),
-            // Commands given before an abort, or without knowledge of it.
+            // Commands given before an abort, or by a sender that has not received it.
             (before_abort, 20.5, (9, 3, 19.0, Land), Err(OutOfOrder)),
             (before_abort, 20.5, (7, 1, 20.3, Land), Err(Unaware)),
             (before_abort, 20.5, (9, 3, 20.3, Land), Ok(())),

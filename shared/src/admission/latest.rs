@@ -4,17 +4,17 @@ use super::{RejectionReason, check_message};
 use crate::msg::{Header, Message};
 use crate::time::{Clock, Span, Time};
 
-/// Age limits of a kind of message.
+/// Age limits for one kind of message.
 #[derive(Clone, Copy, Debug)]
 pub struct Rule {
-    /// Maximum time of validity ahead of now.
+    /// Maximum time by which the time of validity may lie in the future.
     pub lead: Span,
     /// Maximum age.
     pub max_age: Span,
 }
 
 impl Rule {
-    /// Accepts newer messages at any age. Within one computer, a time beyond one tick ahead is corrupt.
+    /// Accepts newer messages at any age. Within one computer, a time more than one tick in the future is corrupt.
     pub const NEWER: Rule = Rule {
         lead: Span::from_millis(50),
         max_age: Span::MAX,
@@ -93,7 +93,7 @@ impl<T: Message + Copy> Latest<T> {
             .as_ref()
             .map_or(f64::INFINITY, |v| (now - v.header().at).secs())
     }
-    /// Removes the message and keeps the count.
+    /// Removes the message; the count of rejections remains.
     pub fn forget(&mut self) {
         self.value = None;
     }

@@ -2,7 +2,7 @@
 
 use crate::time::{Clock, Span, Time};
 
-/// Schedule of a periodic task on the period's grid, without catching up after a pause.
+/// Schedule of a periodic task on a fixed time grid. Runs missed during a pause are not made up.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Periodic<C: Clock> {
     next: Option<Time<C>>,
@@ -25,8 +25,8 @@ impl<C: Clock> Periodic<C> {
         }
         ready
     }
-    /// Whether the task is due; the first call returns true. The next time is one `period` later, on the grid
-    /// unless that has passed.
+    /// Whether the task is due; the first call returns true. The next run is one `period` later on the grid,
+    /// or a new grid starts if that time has passed.
     pub fn is_due(&mut self, now: Time<C>, period: Span) -> bool {
         let next = match self.next {
             Some(t) if now < t => return false,

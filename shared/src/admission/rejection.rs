@@ -14,7 +14,7 @@ macro_rules! reasons {
             /// All reasons.
             pub const ALL: &[RejectionReason] = &[$(RejectionReason::$reason),*];
 
-            /// Name for messages.
+            /// Name used in messages.
             pub const fn name(self) -> &'static str {
                 match self { $(RejectionReason::$reason => $name,)* }
             }
@@ -48,15 +48,15 @@ reasons! {
     OutOfRange: "out of range",
     /// Time reply that matches no pending request.
     Unsolicited: "unsolicited replies",
-    /// Time reply with an impossible round trip, or an outlier among them.
+    /// Time reply with an impossible round trip, or with an outlying one.
     RoundTrip: "impossible round trips",
-    /// Unknown drone state at the message's time.
+    /// Drone state unknown at the message's time.
     NoDroneState: "without odometry of its time",
     /// Inconsistent with all other measurements.
     Outlier: "outliers",
     /// State reset because it was no longer finite.
     Diverged: "diverged",
-    /// More messages than one step processes.
+    /// In excess of the messages that one step processes.
     Flood: "more than a step takes",
     /// Own output that failed its check.
     Withheld: "withheld outputs",

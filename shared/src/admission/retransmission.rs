@@ -4,7 +4,7 @@ use crate::msg::{Command, MissionState};
 use crate::time::{Clock, Time};
 use crate::topics::Retries;
 
-/// Order under way on the sender's clock `S`. Its repetitions are recognised by their original time.
+/// Order in transmission, timed by the sender's clock `S`. Its repetitions are recognised by their original time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Retransmission<S: Clock, M> {
     /// The order.

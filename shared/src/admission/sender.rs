@@ -26,7 +26,7 @@ impl Sender {
         let mut chunks = key.split('/');
         let (root, name) = (chunks.next(), chunks.next().unwrap_or_default());
         let (kind, digits) = name.split_once('-').unwrap_or_default();
-        // Each number has one spelling, without sign or leading zeros.
+        // Only the canonical spelling of a number is accepted, without sign or leading zeros.
         let number = digits.parse().ok().filter(|n: &u32| n.to_string() == digits);
         match (root, kind, number) {
             (Some("alight"), "vessel", Some(n)) => Sender::Vessel(n),
@@ -51,7 +51,7 @@ impl Sender {
 pub struct Arrival<C: Clock, M> {
     /// Time of arrival.
     pub at: Time<C>,
-    /// Owner of the key.
+    /// Publisher that owns the key.
     pub sender: Sender,
     /// Content.
     pub message: M,

@@ -1,4 +1,4 @@
-//! TOML reader that rejects surplus list items: the type `[f64; 3]` itself ignores a fourth number.
+//! TOML reader that rejects surplus list items; serde's `[f64; 3]` would silently ignore a fourth number.
 
 use core::fmt::Display;
 
@@ -13,7 +13,7 @@ use super::ConfigError;
 #[derive(Debug, Error)]
 enum Unread {
     /// The list is longer than its type.
-    #[error("{key} is a list of {found}, {taken} are taken")]
+    #[error("{key} is a list of {found}; its type takes {taken}")]
     TooLong { key: String, found: usize, taken: usize },
     /// The type rejects the value.
     #[error("{0}")]
@@ -36,7 +36,7 @@ pub(super) fn read<T: DeserializeOwned>(
         origin: origin.into(),
         message,
     };
-    // The first reading gives errors with line and column, the second knows keys and lengths.
+    // The first pass gives errors with line and column; the second knows keys and lengths.
     let read: T = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let table: Table = toml::from_str(text).map_err(|e| fault(e.to_string()))?;
     let again = T::deserialize(Whole {
@@ -60,7 +60,7 @@ pub(super) fn read<T: DeserializeOwned>(
     }
 }
 
-/// `keep_out_deg` from `keep_out_deg[0]`; a key in a list of tables stays.
+/// Turns `keep_out_deg[0]` into `keep_out_deg`; leaves a key inside a list of tables unchanged.
 fn without_index(key: &str) -> &str {
     match key.split_once('[') {
         Some((name, index)) if !index.contains('.') => name,
@@ -160,7 +160,7 @@ impl<'de> Deserializer<'de> for Whole {
             | Value::Float(_)
             | Value::Boolean(_)
             | Value::Datetime(_)) => Err(Unread::custom(format_args!(
-                "{key} is {other}: a name, or a table with one name, is allowed"
+                "{key} is {other}; it must be a name, or a table with one name"
             ))),
         }
     }
@@ -232,7 +232,7 @@ mod tests {
             ("[lid]\nhinges_m = [0.0, 1.0, 2.0, 3.0]", "lid.hinges_m", 4, 2),
         ] {
             let message = error(text);
-            let expected = format!("`{key}` is a list of {found}: allowed is a list of {taken}");
+            let expected = format!("`{key}` is a list of {found}; allowed: a list of {taken}");
             assert!(message.contains(&expected), "{text}: {message}");
         }
         let message = error("size_m = [1, 2, 3, 4]");
@@ -262,7 +262,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            message.contains("`hinges_m` is a list of 3: allowed is a list of 2;"),
+            message.contains("`hinges_m` is a list of 3; allowed: a list of 2;"),
             "{message}"
         );
         assert_eq!(read::<Lid>("", "test").unwrap(), Lid::default());

@@ -1,9 +1,9 @@
-//! Record of one measurement source of a filter, like the aid sources of PX4's EKF2. By it the filter decides
-//! whether to use the source, stop using it, or accept it again.
+//! Record of one measurement source of a filter, like the aid sources of PX4's EKF2. From it the filter
+//! decides whether to use the source, to stop using it, or to accept it again.
 
 use crate::time::{Clock, Time};
 
-/// Maximum ratio of innovations in a run of rejections: those of a jump are alike, those of noise not.
+/// Maximum ratio between the innovations in a run of rejections. After a jump they are alike; noise makes them differ.
 const CONSISTENT: f64 = 2.0;
 
 /// Newest measurement of a source and its innovation in a filter.
@@ -38,7 +38,7 @@ impl<C: Clock> AidSource<C> {
         };
         self.run = self.run.filter(continues).or(Some((at, innovation)));
     }
-    /// Gate to apply: `closed`, or an open one after `limit` rejections, when the filter is assumed wrong.
+    /// Gate to apply: `closed`, or infinite after `limit` rejections, because the filter is then assumed to be wrong.
     pub fn gate(&self, closed: f64, limit: u32) -> f64 {
         if self.rejections < limit {
             closed

@@ -2,9 +2,9 @@
 
 use core::ops::{Add, Mul, Sub};
 
-/// First-order low-pass filter `x' = (u - x) / T` with time constant `time_s` (s): output `dt` (s) after
-/// `before` for the sample `u`, a number or a vector: `x + (u - x)` [`low_pass_gain`]`(dt, T)`; without
-/// `before` it is `u`.
+/// First-order low-pass filter `x' = (u - x) / T` with time constant `time_s` (s), for a number or a vector.
+/// Returns `x + (u - x)` [`low_pass_gain`]`(dt, T)` for the sample `u`, taken `dt` (s) after the output `x =
+/// before`; without a previous output, `u`.
 pub fn low_pass<T>(before: impl Into<Option<T>>, u: T, dt: f64, time_s: f64) -> T
 where
     T: Copy + Add<Output = T> + Sub<Output = T> + Mul<f64, Output = T>,

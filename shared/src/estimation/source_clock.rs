@@ -1,33 +1,33 @@
 //! Offset between a sensor's clock and the local clock.
 //!
-//! A sensor answers no time requests, but no measurement arrives before it is made. The smallest difference
-//! between arrival and source time is the clock offset plus the minimum delay, from which the configured
-//! latency may be subtracted. Measurements keep their source's intervals, however long each was delayed.
+//! A sensor does not answer time requests, but no measurement arrives before it is made. The smallest difference between
+//! arrival and source time is the clock offset plus the minimum delay, from which the configured latency may be subtracted.
+//! Measurements keep their source's intervals, however long each was delayed.
 //!
-//! A wrong time stamp in the future also gives a small difference. No other measurement confirms it, so it is
-//! discarded after a timeout.
+//! A wrong time stamp in the future also makes the difference small. No other measurement confirms it, so it
+//! is discarded after a timeout.
 
 use super::OffsetBounds;
 use crate::time::{Clock, Span, Time};
 
 /// Drift between two quartz clocks, s/s.
 pub const CLOCK_DRIFT: f64 = 1e-4;
-/// Maximum deviation from the offset by delay, s; beyond it, the stamp is wrong or the source restarted.
+/// Maximum deviation from the offset that a delay explains, s. Beyond it, the stamp is wrong or the source restarted.
 const MAX_DELAY_S: f64 = 2.0;
-/// Consecutive times, later by one amount beyond any delay, that show a restart of the source.
+/// Consecutive stamps, all shifted by the same amount beyond any delay, that indicate a restart of the source.
 const AGREEING: u32 = 10;
 /// Maximum arrival jitter, s; also about the maximum age of an admitted fix or heading.
 pub const JITTER_S: f64 = 0.3;
-/// Time for which consecutive stamps must deviate by one amount, which no delay explains, to show that the
-/// clock was set, s. Set back (as at a leap second), a stamp repeats while messages arrive; set forward, a
-/// measurement would arrive before it was made. Two stamps at 1 Hz with jitter are sufficient.
+/// Time for which consecutive stamps must deviate by the same amount, which no delay explains, before the clock is taken as
+/// set, s. A clock set back (as at a leap second) repeats stamps while messages arrive; with a clock set forward,
+/// measurements would arrive before they were made. Two stamps at 1 Hz with jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// This time for a deviation that a delay explains, s: a backlog is cleared by then.
+/// The same time for a deviation that a delay could explain, s: a backlog is cleared by then.
 pub const HELD_UP_S: f64 = 10.0;
 /// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;
-/// Time without confirmation after which an offset is discarded, s, but not before [`AGREEING`] other
-/// offsets, and not earlier than it was confirmed for, because a line may be congested.
+/// Time without confirmation after which an offset is discarded, s. At least [`AGREEING`] larger offsets must have arrived
+/// by then, and the confirmation must have lasted for a shorter time, because a line may be congested.
 const UNSUPPORTED_S: f64 = 3.0;
 
 /// Estimate of a source's clock offset.
@@ -64,7 +64,7 @@ impl<C: Clock> Smallest<C> {
             later: (Span::MAX, 0),
         }
     }
-    /// Minimum of this offset, propagated as `drifted`, and `measured`; the later ones if not confirmed.
+    /// Smaller of `measured` and this offset propagated as `drifted`; if this is unconfirmed, the smallest later one.
     fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
         let now = measured.at;
         let excess_s = (measured.high - drifted.high).secs();
@@ -154,12 +154,12 @@ impl<C: Clock> SourceClock<C> {
         } else if excess.abs() > max_delay {
             return None;
         } else if excess > Span::ZERO {
-            // Jitter carries offsets across the limit: later ones count against this one on both sides of it.
+            // Jitter moves offsets across the limit, so later ones on both sides count against this one.
             self.offset = Some(known.and(drifted, measured));
         }
         Some(Time::from_nanos(at_ns) + self.offset?.bounds.high - latency)
     }
-    /// Counts an offset off by `excess`; `again`: its stamp was repeated. Returns it once confirmed.
+    /// Counts an offset that deviates by `excess`; `again` if its stamp was repeated. Returns the offset once confirmed.
     fn deviates(&mut self, now: Time<C>, measured: Span, excess: Span, again: bool) -> Option<Span> {
         let is_delay = excess.abs() <= Span::from_secs(MAX_DELAY_S);
         let own = Other {
@@ -167,7 +167,7 @@ impl<C: Clock> SourceClock<C> {
             max: measured,
             count: 1,
             since: now,
-            // Two delayed messages with one time do not show a clock that was set back.
+            // Two delayed messages with the same time do not show that a clock was set back.
             stepped: excess < Span::ZERO || self.other.map_or(again, |o| o.stepped),
         };
         let other = self.other.map_or(own, |o| Other {
@@ -176,7 +176,7 @@ impl<C: Clock> SourceClock<C> {
             count: o.count.saturating_add(1),
             ..o
         });
-        // A running clock has a constant offset; it drifts if the clock stands still or a backlog is cleared.
+        // The offset of a running clock is constant; it drifts if the clock stands still or a backlog is cleared.
         let agrees = other.max - other.min <= Span::from_secs(JITTER_S);
         let other = if agrees { other } else { own };
         self.other = Some(other);
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn source_clock_across_a_step_of_utc() {
-        // Leap second, a receiver's first almanac, an hour after midnight in a wrong time zone.
+        // Steps of a leap second, a receiver's first almanac, and an hour after midnight in a wrong time zone.
         for step_s in [-1.0, 1.0, -2.0, -3.0, -40.0, 2.5, 3600.0, -3600.0] {
             let (errors, c) = dated(60.0, step_s, None, 90.0);
             let late = errors.iter().filter(|(at, _)| *at >= 61.1);
@@ -326,7 +326,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(96))]
-        /// After stamps in the future, local times are correct again within the length of their run plus 4 s.
+        /// After a run of stamps in the future, local times are correct again within the length of the run plus 4 s.
         #[test]
         fn source_clock_after_runs_of_stamps_ahead(
             hz in 5_i64..50,

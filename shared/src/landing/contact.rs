@@ -1,5 +1,5 @@
-//! Probabilities of a safe contact, with each quantity normal about its prediction and the variance that
-//! control cannot reduce any more.
+//! Probabilities of a safe contact. Each quantity is normally distributed about its prediction, with the
+//! variance that control can no longer reduce.
 //!
 //! | quantity | mean | standard deviations |
 //! |---|---|---|
@@ -44,8 +44,8 @@ const UNFINISHED: f64 = 0.1;
 /// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle at first
 /// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; 48 landings begun at random moments in 12 m/s.
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
-/// Horizontal thrust per mass at the pilot's largest tilt (0.61 rad), m/s²: a vessel and a wind that need more leave the
-/// drone behind. Its relative standard deviation, by mass and drag.
+/// Horizontal thrust per mass at the pilot's largest tilt (0.61 rad), m/s²: if vessel and wind need more, the
+/// drone falls behind. Relative standard deviation of this limit, from mass and drag.
 const MAX_THRUST_MPS2: f64 = 6.8;
 const THRUST_SD: f64 = 0.1;
 /// Drift of the odometry without vision of the deck, m/s.
@@ -80,7 +80,7 @@ pub struct Contact {
     pub turn_mps: f64,
     /// Remainder of the present speed along the deck, m/s.
     pub left_mps: f64,
-    /// Standard deviation of unforeseen deck speed within the reaction time: horizontal axis, vertical, m/s.
+    /// Standard deviation of the deck speed gained unforeseen within the reaction time, m/s: horizontal axis, vertical.
     pub unforeseen_mps: [f64; 2],
     /// Separation speed of deck and aligned drone, m/s.
     pub parted_mps: f64,
@@ -94,7 +94,7 @@ pub struct Contact {
     pub blind_s: f64,
     /// Wind over the deck.
     pub wind: WindPush,
-    /// Wind predicted for the contact by what the drone measures now.
+    /// Wind at the contact, predicted from the drone's present measurement.
     pub wind_at_contact: WindPush,
     /// Probability that the drone stays on the deck.
     pub stays: f64,
@@ -159,7 +159,7 @@ mod tests {
         }
     }
 
-    /// 12 m/s accelerates a drone with usual drag by 3 to 4 m/s².
+    /// A wind of 12 m/s accelerates a drone with usual drag by 3 to 4 m/s².
     #[test]
     fn odds_of_a_contact_in_strong_wind() {
         let margins = Margins::on(&DeckGeometry::default(), &DroneGeometry::default());
@@ -179,7 +179,7 @@ mod tests {
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
         assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
         assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
-        // A foot in contact while the drone brakes makes the contact harder, but rarely too hard.
+        // A foot that touches down while the drone still brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
         // 12 m/s is within the thrust of the largest tilt; 15 m/s, or 7 m/s against 8 m/s, is at its limit.
         assert!(gale.fast > 0.9 && odds_in_wind(6.8).fast < 0.5);

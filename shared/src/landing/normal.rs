@@ -81,11 +81,10 @@ mod tests {
     #[test]
     fn probability_inside_a_circle() {
         for sd in [0.2, 0.5, 1.0] {
-            // Rayleigh distribution, for a mean of zero.
             let rayleigh = 1.0 - (-0.5_f64 / (sd * sd)).exp();
             assert!((inside(0.0, sd, 1.0) - rayleigh).abs() < 5e-5, "{sd}");
         }
-        // Fine midpoint rule of the same integral.
+        // Reference: fine midpoint rule for the same integral.
         for (mean, sd) in [(0.3, 0.02), (0.95, 0.1), (1.05, 0.3), (0.1, 2.0), (4.0, 1.0)] {
             let n = 20_000;
             let dense: f64 = (0..n)
@@ -119,7 +118,7 @@ mod tests {
 
     #[test]
     fn probability_below() {
-        // Tables of the normal distribution.
+        // Tabulated values of the normal distribution.
         for (z, p) in [
             (0.0, 0.5),
             (1.0, 0.841_344_75),

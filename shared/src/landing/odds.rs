@@ -2,7 +2,7 @@
 
 use crate::msg::{Reason, ReasonCode};
 
-/// Maximum probability of a landing: 1 in 100 fails for unmodelled reasons.
+/// Maximum probability of a landing: 1 in 100 fails for reasons that are not modelled.
 pub const MAX_ODDS: f64 = 0.99;
 
 /// Limit of a good landing.
@@ -16,7 +16,7 @@ pub enum Limit {
     Tilted,
     /// Four feet inside the deck's edges.
     Outside,
-    /// Staying at rest.
+    /// The drone stays at rest.
     Slides,
 }
 
@@ -31,7 +31,7 @@ pub struct Odds {
     pub tilted: f64,
     /// Probability for the position.
     pub outside: f64,
-    /// Probability of staying.
+    /// Probability that the drone stays at rest.
     pub slides: f64,
     /// The vessel's turn dominates the speed along the deck.
     pub turns: bool,
@@ -63,7 +63,7 @@ impl Odds {
         let harm = self.harm();
         (harm > max).then_some(Reason::new(ReasonCode::HarmLikely, harm, max))
     }
-    /// Reason if the probability of a landing is below `needed`: the probability, and its worst limit.
+    /// Reason if the probability of a landing is below `needed`, with that probability and the least likely limit.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();
         let lower = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };

@@ -1,4 +1,4 @@
-//! Probability that a drone on the deck with stopped motors stays, by friction, slope, motion and wind.
+//! Probability that a drone on the deck with stopped motors stays in place, given friction, slope, motion and wind.
 //!
 //! The feet hold while `|f_xy| <= mu |f_z|`, with the specific force `f` in the deck's axes (Coulomb): with the
 //! apparent slope `s = f_xy / |f_z|` and the wind's acceleration `w` of a standing drone, `|s - w / g| <= mu`. Any
@@ -8,7 +8,8 @@
 //!
 //! `d = 9/2 g (A + b - mu)+² / (A omega²)`
 //!
-//! (the peak as a parabola: the drone breaks away `a` before it and stops `2 a` after it, `a² = 2 (A + b - mu) / A`).
+//! (approximating the peak by a parabola, the drone breaks away `a` before it and stops `2 a` after it, `a² =
+//! 2 (A + b - mu) / A`).
 //!
 //! - until a descending drone is at rest, the waves, one per [`WAVE_S`], have the predicted slopes and directions. Each
 //!   slope is normally distributed; its variance is the sum of those of the predicted tilt, of a peak relative to its
@@ -39,9 +40,9 @@ use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
 
 /// Wind acceleration of a standing drone as a fraction of that in flight: half, because turning rotors have
-/// as much drag as the body, and less by the wind profile above water and deck.
+/// as much drag as the body, and further reduced by the wind profile above water and deck.
 const STANDING: f64 = 0.4;
-/// Relative standard deviation of the friction: dry, wet and salty.
+/// Relative standard deviation of the friction over dry, wet and salty decks.
 const FRICTION_SD: f64 = 0.15;
 /// Nodes of an average over a standard normal variable, and their weights.
 const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1.0 / 6.0)];
@@ -49,31 +50,32 @@ const NODES: [(f64, f64); 3] = [(-1.732, 1.0 / 6.0), (0.0, 2.0 / 3.0), (1.732, 1
 const PEAK_SD: f64 = 0.3;
 /// Averaging time of slopes, s.
 const MEAN_S: f64 = 1.0;
-/// Range of wave periods, s: no drone rides on a faster hull, and slower waves are a constant slope.
+/// Range of wave periods, s: no drone rides on a hull with faster motion, and slower waves act as a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
-/// Assumed wave period without a prediction, s: peaks of the fastest waves, for as long as a boat's roll.
+/// Assumed wave period without a prediction, s: peaks as high as those of the fastest waves, lasting as long
+/// as a boat's roll.
 const UNKNOWN_PERIOD_S: f64 = 2.3;
 /// Time from the start of a descent to rest on the deck, s: 4 to 6 s of descent, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
 /// Time between independent peaks of the slope, s: half a wave period.
 const WAVE_S: f64 = 2.0;
-/// Age below which a measured slope counts as predicted, s: a hull that leaves a steep crest does so again.
+/// Age below which a measured slope counts as predicted, s: a hull that has left a steep crest is likely to do so again.
 const JUST_NOW_S: f64 = 4.0;
 /// Standard deviation of the slope without a forecast: rms error of a prediction several seconds ahead.
 const UNKNOWN_SD: f64 = 0.08;
 /// Minimum standard deviation of any slope: resolution of the measurement, and roughness of the deck.
 const MIN_SD: f64 = 0.02;
-/// Time after the contact with rotors still lifting, s, and the fraction of weight on the deck meanwhile.
+/// Time after the contact during which the rotors still lift, s, and the fraction of weight on the deck meanwhile.
 const PRESS_S: f64 = 0.2;
 const PRESSED: f64 = 0.65;
-/// Relative standard deviation of a slide.
+/// Relative standard deviation of the length of a slide.
 const SLIDE_SD: f64 = 0.4;
 /// Gust samples on either side of the mean, and their spacing in standard deviations.
 const GUSTS: i32 = 6;
 const GUST_STEP: f64 = 0.5;
 /// Duration of a slope that exceeds the friction, s: half a wave.
 const SLIDES_S: f64 = 1.0;
-/// Time until somebody secures a landed drone, s.
+/// Time until the crew secures a landed drone, s.
 const STAY_S: f64 = 60.0;
 
 /// Prediction of whether a drone that lands now stays on the deck.
@@ -207,7 +209,7 @@ impl Sines {
     fn moves(&self, slope: f64, push: f64, friction: f64) -> f64 {
         let amplitude = self.peak * slope;
         let over = amplitude + push - friction;
-        // NaN must not count as calm water.
+        // A NaN must not pass for calm water.
         if over <= 0.0 {
             return 0.0;
         }
@@ -219,7 +221,7 @@ impl Sines {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slopes {
     waves: Sines,
-    /// Steepest slope of each predicted wave: about the mean, bias along it, direction, standard deviation.
+    /// Steepest slope of each predicted wave: value about the mean, bias along it, direction, standard deviation.
     predicted: Vec<(f64, f64, Vector2<f64>, f64)>,
     /// Steepest measured slope in each window, newest first.
     measured: Vec<f64>,
@@ -275,7 +277,7 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// Slopes without predicted waves: steepest per window of [`SLOPE_WINDOW_S`], newest first, about `mean`.
+    /// Slopes without predicted waves: the steepest in each window of [`SLOPE_WINDOW_S`], newest first, about `mean`.
     pub fn in_sea(steepest: impl IntoIterator<Item = f64>, mean: Vector2<f64>, wind: &WindPush) -> Slopes {
         let push = wind.mean * (STANDING / GRAVITY);
         Slopes {
@@ -289,7 +291,7 @@ impl Slopes {
             in_flight: strong(wind),
         }
     }
-    /// Probability of staying within the edge, touching down this far upwind, until rest and a minute later.
+    /// Probability that a drone touching down this far upwind stays within the edge, until rest and for a minute after.
     fn stays(&self, friction: f64, edge_m: f64, upwind_m: f64) -> f64 {
         let (first, of_first) = self.until_rest(friction);
         let (after, of_after) = self.after(friction);
@@ -306,7 +308,7 @@ impl Slopes {
         let again = self.holds_as_just_now(friction);
         if again < within { again } else { within }
     }
-    /// Displacement by the waves until rest, north and east, and its standard deviation, m.
+    /// Displacement by the waves until the drone is at rest, north and east, and its standard deviation, m.
     fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
         let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
         if self.predicted.is_empty() {
@@ -330,7 +332,7 @@ impl Slopes {
     fn downwind(&self) -> Vector2<f64> {
         self.in_flight.mean.try_normalize(0.0).unwrap_or_default()
     }
-    /// Downwind distance to rest of a drone aimed at the centre, averaged over gusts and waves, m.
+    /// Distance downwind at which a drone aimed at the centre comes to rest, averaged over gusts and waves, m.
     fn blown(&self, friction: f64) -> f64 {
         let to = |side: f64, sds: f64| {
             let blown = self.blown_in(sds * self.in_flight.gust_sd, side, friction);
@@ -338,7 +340,7 @@ impl Slopes {
         };
         over_gusts(|sds| 0.5 * (to(1.0, sds) + to(-1.0, sds)))
     }
-    /// Distances downwind in a gust (m/s²): to contact, then to rest, m; waves to leeward: `side` = 1.
+    /// Distances downwind in a gust (m/s²), to the contact and then to rest, m. `side` is 1 for waves towards leeward.
     fn blown_in(&self, gust: f64, side: f64, friction: f64) -> [f64; 2] {
         let mean = self.in_flight.mean.norm();
         if mean == 0.0 {
@@ -358,7 +360,7 @@ impl Slopes {
         let braked = larger(GRAVITY * (friction - slope) - STANDING * wind, 0.0);
         let pressed = 0.5 * PRESS_S * (larger(met_mps, 0.0) + speed);
         let slid = (0.5 * speed * speed / braked).min(SLIDES_S * speed);
-        // Without a slide; the formula would give NaN if nothing brakes.
+        // Without a slide; the formula would give NaN if nothing braked the drone.
         let slid = if speed == 0.0 { 0.0 } else { pressed + slid };
         [PLACE_PER_GUST_S2 * gust, slid]
     }
@@ -377,7 +379,7 @@ impl Slopes {
         }
         (mean, (square - mean * mean).max(0.0).sqrt())
     }
-    /// Probability that a recently measured slope stays below the friction when it recurs.
+    /// Probability that a recently measured slope does not exceed the friction when it recurs.
     fn holds_as_just_now(&self, friction: f64) -> f64 {
         let just_now = self.measured.iter().take((JUST_NOW_S / SLOPE_WINDOW_S) as usize);
         let again = just_now.copied().fold(0.0, f64::max) + self.push.norm();
@@ -420,7 +422,7 @@ fn over_gusts(value: impl Fn(f64) -> f64) -> f64 {
     sum / weights
 }
 
-/// Standard deviation of the tilt this far ahead, rad; a fixed one without a forecast.
+/// Standard deviation of the tilt this far ahead, rad; a constant without a forecast.
 fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
     let stage = forecast.and_then(|f| {
         let at = (ahead_s / f.step.secs().max(1e-3)) as usize;
@@ -435,7 +437,7 @@ fn tilt_sd(forecast: Option<&DeckForecast>, ahead_s: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Peaks of a sea whose slope has this standard deviation (Rayleigh); the newest is a typical one.
+    /// Peaks of a sea whose slope has this standard deviation (Rayleigh), starting with a typical one.
     fn peaks(sd: f64) -> impl Iterator<Item = f64> {
         (0..60).map(move |k| {
             let p = (f64::from((k + 30) % 60) + 0.5) / 60.0;

@@ -18,15 +18,15 @@ const ALIGNED_MPS2: f64 = 1.2;
 /// Fraction of the excess over [`ALIGNED_MPS2`] accepted as drift; tilt compensates the rest.
 const ALIGNED_FRACTION: f64 = 0.6;
 
-/// Speed along the deck at the contact, m/s, per gust of 1 m/s² (landings at random moments in 8 to 14 m/s).
+/// Speed along the deck at the contact per gust acceleration, m/s per m/s² (landings at random moments in 8 to 14 m/s).
 pub const ALONG_PER_GUST_S: f64 = 0.15;
 /// Tilt at the contact as a fraction of the bank that compensates the gust.
 pub const TILT_PER_GUST: f64 = 1.0 - ALIGNED_FRACTION;
-/// Displacement of the contact point, m, per gust of 1 m/s²; same landings.
+/// Displacement of the contact point per gust acceleration, m per m/s²; from the same landings.
 pub const PLACE_PER_GUST_S2: f64 = 0.15;
 
-/// Correlation time of gusts, s: the acceleration that a drone measured 0.3 to 3 s before 60 contacts in 12 m/s against
-/// its tilt at the contact.
+/// Correlation time of gusts, s: from the acceleration measured 0.3 to 3 s before 60 contacts in 12 m/s and
+/// the tilt at the contact.
 const GUST_S: f64 = 2.2;
 
 /// Effect of the wind over the deck on a drone that follows the vessel.
@@ -55,8 +55,8 @@ impl WindPush {
             gust_sd: self.gust_sd * (1.0 - remains * remains).sqrt(),
         }
     }
-    /// Effect of the wind on a drone with usual drag above a moving vessel: `wind` is the true wind's
-    /// velocity, `way` the vessel's, NED, m/s, which adds to the mean, but not to gusts.
+    /// Effect of the wind on a drone with usual drag above a moving vessel. The vessel's velocity `way` adds
+    /// to the mean, but not to the gusts, of the true wind's velocity `wind`; NED, m/s.
     pub fn over(wind: Vector2<f64>, way: Vector2<f64>) -> WindPush {
         let (mean, slope) = drag(DRAG_PER_M, &(way - wind));
         WindPush {
@@ -67,7 +67,7 @@ impl WindPush {
 }
 
 /// Drag acceleration at airspeed `u` (m/s²) and its derivative by the wind, 1/s: `-k s u`, `s = sqrt(|u|² +
-/// u0²)`: quadratic, but linear below `u0` by rotor drag (Faessler et al. 2018); `k` in 1/m.
+/// u0²)`: quadratic, but linear below `u0` because of rotor drag (Faessler et al. 2018); `k` in 1/m.
 pub fn drag(k: f64, u: &Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
     let s = u.norm().hypot(LINEAR_MPS);
     (

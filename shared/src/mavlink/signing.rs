@@ -14,7 +14,7 @@ const RADIO_STATUS: u32 = 109;
 /// Incompatibility flag of a signed frame.
 const SIGNED: u8 = 1;
 
-/// Maximum age of a new stream's first frame before the latest time, in 10 us: one minute.
+/// Maximum lag of a new stream's first frame behind the latest time, in units of 10 us: one minute.
 const NEW_STREAM: u64 = 60 * 100_000;
 /// Maximum number of streams with stored times; a new one replaces the oldest.
 pub const MAX_STREAMS: usize = 16;
@@ -40,7 +40,7 @@ pub struct SigningTimes {
 }
 
 impl SigningTimes {
-    /// Whether a frame of this stream is newer than its predecessors; stores its time.
+    /// Returns whether a frame of this stream is newer than its predecessors, and stores its time.
     fn admit(&mut self, from: [u32; 3], at: u64) -> bool {
         let known = self.streams.iter_mut().find(|s| s.from == from);
         let later = match &known {
@@ -66,7 +66,7 @@ impl SigningTimes {
 
 /// Signing of MAVLink 2 frames with one key. Our frames are signed; received ones must be signed with the key
 /// and newer than their predecessors. Timestamps are the later of this computer's time and the latest
-/// received, so that an autopilot accepts them even if this clock is behind.
+/// received, so that an autopilot accepts them even if this computer's clock is behind.
 #[derive(Clone)]
 pub struct Signing {
     key: [u8; 32],
@@ -82,7 +82,7 @@ impl fmt::Debug for Signing {
 }
 
 impl Signing {
-    /// Signing with this key, and the frames' timestamps as the only clock.
+    /// Signing with this key, using the timestamps of received frames as the only clock.
     pub fn new(key: [u8; 32]) -> Signing {
         Signing::with_clock(key, || 0)
     }
@@ -107,14 +107,14 @@ impl Signing {
     pub fn times(&self) -> SigningTimes {
         *self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
-    /// Adds the timestamps saved at the previous start.
+    /// Merges the timestamps saved by the previous run.
     pub fn recall(&self, before: &SigningTimes) {
         let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
         times.latest = times.latest.max(before.latest);
         for stream in before.streams.iter() {
             match times.streams.iter_mut().find(|s| s.from == stream.from) {
                 Some(known) => known.newest = known.newest.max(stream.newest),
-                // The list is full only if that many new streams have appeared at once.
+                // The list is full only if as many new streams have appeared at once.
                 None => drop(times.streams.push(*stream)),
             }
         }
@@ -159,14 +159,14 @@ pub struct Signatures {
     pub unsigned: u64,
     /// Frames rejected because of another key.
     pub other_key: u64,
-    /// Frames rejected for a repeated timestamp, or one more than a minute before our time.
+    /// Frames rejected because their timestamp was repeated or lies more than a minute before our time.
     pub old: u64,
     /// Frames accepted without a signature check because no key is set.
     pub unchecked: u64,
 }
 
 impl Signatures {
-    /// Sum of both counts.
+    /// Sums each count.
     #[must_use]
     pub fn plus(self, other: Signatures) -> Signatures {
         Signatures {
@@ -176,8 +176,8 @@ impl Signatures {
             unchecked: self.unchecked + other.unchecked,
         }
     }
-    /// Fault of a link's signatures and its remedy; None if as configured. With `admitted` frames, rejected
-    /// ones came from others or from before the autopilot had the key.
+    /// Fault of the link's signatures, and its remedy; None if they are as configured. If frames are
+    /// `admitted`, the rejected ones came from other senders or from before the autopilot had the key.
     pub fn finding(&self, admitted: bool) -> Option<(String, &'static str)> {
         let left_out = |count| if admitted { 0 } else { count };
         let [other_key, old, unsigned] = [self.other_key, self.old, self.unsigned].map(left_out);
@@ -295,7 +295,7 @@ mod tests {
         assert_eq!(taken(Some(Signing::new([1; 32])), &[status]).0, 1);
     }
 
-    /// Independent computation from the specification: SHA-256 of key, frame, link and timestamp, first six bytes.
+    /// Independent computation from the specification: first six bytes of the SHA-256 of key, frame, link and timestamp.
     #[test]
     fn signature_by_the_specification() {
         let frame = "fd 09 01 00 00 01 01 00 00 00 03 00 00 00 02 0c 51 04 03 95 f8 00 00 00 00 00 00 80 b3 8d 25 8d 8d ca";
@@ -309,7 +309,7 @@ mod tests {
         );
     }
 
-    /// A computer whose clock is behind stamps its frames after those it received.
+    /// A computer whose clock is behind stamps its frames later than those it has received.
     #[test]
     fn timestamp_after_the_latest_received() {
         let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
@@ -359,7 +359,7 @@ mod tests {
         assert_eq!((count, signatures.old), (1, 2));
     }
 
-    /// After its clock was set back, a signed message that is exempt from the time check is accepted.
+    /// A signed message that is exempt from the time check is accepted after its sender's clock was set back.
     #[test]
     fn message_that_no_clock_stops() {
         const AT: u64 = 1_000_000_000;

@@ -1,4 +1,4 @@
-//! Prediction errors measured by keeping each prediction until it is due.
+//! Prediction errors, measured by storing each prediction until its time arrives.
 
 use std::collections::VecDeque;
 
@@ -9,23 +9,23 @@ use super::{MotionSample, SAMPLE_S};
 
 /// Prediction horizons at which errors are measured, s.
 pub(super) const SPREAD_AT_S: [f64; 6] = [0.2, 0.5, 1.0, 1.5, 2.0, 3.0];
-/// Memory of the mean squares, in comparisons: half a minute, and at first a fifth of all comparisons,
+/// Memory of the mean squares, in comparisons: half a minute. At first it is a fifth of all comparisons,
 /// because the first models are the worst.
 const MEMORY: f64 = 300.0;
 const INITIAL_FRACTION: f64 = 0.2;
-/// Number of comparisons before measured errors replace the deviation of the motion itself.
+/// Number of comparisons before measured errors replace the standard deviation of the motion itself.
 const FIRST: f64 = 15.0;
 /// Memory of the recent mean squares, in comparisons: two seconds.
 const RECENT: f64 = 20.0;
 /// Index in [`SPREAD_AT_S`] of the horizon (1 s) whose errors weight the identifications.
 const WEIGHED_AT: usize = 2;
-/// Maximum number of pending predictions, of all horizons.
+/// Maximum number of pending predictions over all horizons.
 const MAX_WAITING: usize = 96;
 /// Number of the shortest horizons whose errors also widen the longer ones.
 const SOON: usize = 2;
 /// Compared quantities: degrees of freedom, and acceleration north and east, which shows a manoeuvre first.
 const COMPARED: usize = DOFS + 2;
-/// Ratio by which a mean square over some waves exceeds the usual by chance (95 % of chi squared / 8).
+/// Ratio by which a mean square over a few waves can exceed its usual value by chance (95 % of chi squared / 8).
 const BY_CHANCE: f64 = 1.94;
 
 #[derive(Clone, Copy, Debug)]
@@ -40,7 +40,7 @@ struct Waiting<const N: usize, C: Clock> {
 pub struct MeasuredErrors<const N: usize, C: Clock> {
     waiting: VecDeque<Waiting<N, C>>,
     squares: [[f64; N]; SPREAD_AT_S.len()],
-    /// Mean squares over the last seconds.
+    /// Mean squares over the last two seconds.
     recent: [[f64; N]; SPREAD_AT_S.len()],
     count: [f64; SPREAD_AT_S.len()],
 }
@@ -57,7 +57,7 @@ impl<const N: usize, C: Clock> Default for MeasuredErrors<N, C> {
 }
 
 impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
-    /// Stores the predictions at `now` for each of [`SPREAD_AT_S`]; `predicted` maps seconds ahead to values.
+    /// Stores the predictions made at `now` for each of [`SPREAD_AT_S`]; `predicted` maps seconds ahead to values.
     pub fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> [f64; N]) {
         for (horizon, ahead) in SPREAD_AT_S.into_iter().enumerate() {
             if self.waiting.len() < MAX_WAITING {
@@ -69,7 +69,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             }
         }
     }
-    /// Compares due predictions with the values at `now`.
+    /// Compares the predictions for `now` with the actual values.
     pub fn compare(&mut self, now: Time<C>, values: [f64; N]) {
         let near = Span::from_secs(0.51 * SAMPLE_S);
         let MeasuredErrors {
@@ -97,12 +97,13 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
             false
         });
     }
-    /// Mean square errors at a horizon: the larger of half a minute and of seconds; None until measured.
+    /// Mean square errors at a horizon: the larger of the half-minute and the two-second means; None until measured.
     fn mean_squares(&self, horizon: usize) -> Option<[f64; N]> {
         (self.count[horizon] >= FIRST)
             .then(|| core::array::from_fn(|d| self.squares[horizon][d].max(self.recent[horizon][d])))
     }
-    /// Standard deviations in `ahead` s: zero now, linear between [`SPREAD_AT_S`]; None until measured.
+    /// Standard deviations of a prediction `ahead` s ahead: zero at 0 s, linear between [`SPREAD_AT_S`]; None
+    /// until measured.
     pub fn deviation(&self, ahead: f64) -> Option<[f64; N]> {
         let mut knots = [[0.0; N]; SPREAD_AT_S.len()];
         for (horizon, knot) in knots.iter_mut().enumerate() {
@@ -112,7 +113,7 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
     }
 }
 
-/// Linear interpolation in `ahead` s: zero now, `knots` at [`SPREAD_AT_S`], then constant.
+/// Linear interpolation at `ahead` s: zero at 0 s, `knots` at [`SPREAD_AT_S`], then constant.
 fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) -> [f64; N] {
     let (mut before, mut from) = ([0.0; N], 0.0);
     for (&knot, to) in knots.iter().zip(SPREAD_AT_S) {
@@ -130,7 +131,7 @@ fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) ->
 pub(super) struct ForecastErrors<C: Clock>(MeasuredErrors<COMPARED, C>);
 
 impl<C: Clock> ForecastErrors<C> {
-    /// Stores the motion predicted at `now`; `predicted` maps seconds ahead to motion.
+    /// Stores the motion predicted at `now`; `predicted` maps seconds ahead to the motion.
     pub(super) fn push(&mut self, now: Time<C>, predicted: impl Fn(f64) -> Motion) {
         self.0.push(now, |ahead| {
             let motion = predicted(ahead);
@@ -148,7 +149,7 @@ impl<C: Clock> ForecastErrors<C> {
         });
         self.0.compare(now.at, values);
     }
-    /// Inverse mean square errors one second ahead, 1 until measured; common where a turn mixes them.
+    /// Inverse mean square errors one second ahead, 1 until measured; equal for quantities that a turn mixes.
     pub(super) fn weights(&self) -> [f64; DOFS] {
         let squares = &self.0.squares[WEIGHED_AT];
         core::array::from_fn(|d| match d {
@@ -158,8 +159,8 @@ impl<C: Clock> ForecastErrors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// Ratio of recent to usual mean squares at the shortest horizons, at least 1. A change shows there long
-    /// before longer predictions are due, and affects them too: unforeseen acceleration is in their past.
+    /// Ratio of recent to usual mean squares at the shortest horizons, at least 1. A change shows there long before longer
+    /// predictions are due, which it also affects: they start from before the unforeseen acceleration.
     fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);
@@ -172,9 +173,9 @@ impl<C: Clock> ForecastErrors<C> {
         let pushed = (DOFS..COMPARED).map(|d| ratio(0, d)).fold(0.0, f64::max) / BY_CHANCE;
         core::array::from_fn(|d| (0..SOON).map(|h| ratio(h, d)).fold(pushed.max(1.0), f64::max))
     }
-    /// Standard deviations in `ahead` s: zero now, as measured at [`SPREAD_AT_S`] but at least `floor`,
-    /// linear in between, then constant; the `deviation` of the motion until measured. A recent increase
-    /// widens them up to the deviation of two independent motions.
+    /// Standard deviations of a prediction `ahead` s ahead: zero at 0 s, as measured at [`SPREAD_AT_S`] but
+    /// at least `floor`, linear in between, then constant; `deviation` of the motion itself until measured. A
+    /// recent increase widens them, at most to the deviation of two independent motions.
     pub(super) fn spread(
         &self,
         deviation: [f64; DOFS],

@@ -10,9 +10,9 @@ use super::errors::ForecastErrors;
 use super::regression::{self, PAST, REACH, Regression};
 use super::subspace::{Fit, FitProgress, Model};
 
-/// Gap between samples that empties the record, s: a regression needs a continuous past.
+/// Gap between samples that empties the record, s: a regression needs an uninterrupted past.
 const MAX_GAP_S: f64 = 0.15;
-/// Samples between two identifications: five seconds, within which the sea does not change.
+/// Samples between two identifications: five seconds, during which the sea does not change.
 const REFIT: u32 = 50;
 /// Number of rows required for the first identification.
 const FIRST_FIT: f64 = 100.0;
@@ -94,7 +94,7 @@ impl<C: Clock> Identification<C> {
         }
     }
 
-    /// Performs one bounded part of an identification that is under way or due; false if there was none.
+    /// Performs one bounded part of an identification that is in progress or due; returns false if there is none.
     pub(super) fn work(&mut self) -> bool {
         self.fit = match self.fit.take() {
             Some(fit) => match fit.advance() {
@@ -115,15 +115,15 @@ impl<C: Clock> Identification<C> {
         true
     }
 
-    /// Modes at the newest sample, strongest first; None before the first identification, or after a gap
-    /// until the past is complete.
+    /// Modes at the newest sample, strongest first; None before the first identification, and after a gap
+    /// until the record covers the past again.
     pub(super) fn modes(&self) -> Option<&Modes<C>> {
         self.modes.as_ref()
     }
     pub(super) fn is_identified(&self) -> bool {
         self.model.is_some()
     }
-    /// Variance of the modes' slow heave caused by the level's error, m².
+    /// Variance of the modes' slow heave caused by the error of the mean water level, m².
     pub(super) fn slow_variance(&self) -> f64 {
         self.model.as_ref().map_or(0.0, |m| m.slow_variance)
     }

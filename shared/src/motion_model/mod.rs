@@ -11,10 +11,10 @@
 //! The motion is identified in axes parallel to NED and in axes that turn with the vessel. A small hull
 //! follows the water, whose waves keep their direction when the vessel turns; a long hull swings in its own
 //! roll and pitch. Both predictions are weighted by the inverse of their recent mean square errors (Bates and
-//! Granger 1969), which suits hulls in between, and turns.
+//! Granger 1969), which also suits turns and hulls in between.
 //!
 //! A prediction starts at the estimate and continues the present residual of the modes. In heave the residual
-//! fades, because its slow part is an error of the mean water level. In tilt it stays, because its slow part
+//! fades, because its slow part is an error of the mean water level. In tilt it remains, because its slow part
 //! is heel and trim, which turn with the vessel and change within seconds.
 //!
 //! Errors of the predictions are measured: each prediction is kept until it is due ([`errors`]).
@@ -34,11 +34,11 @@ use errors::{ForecastErrors, SPREAD_AT_S};
 use identification::{Axes, Identification};
 use regression::OBSERVED;
 
-/// Sampling interval, s: eight samples per period of the fastest deck (0.95 Hz).
+/// Sampling interval, s: eight samples per period of the fastest deck motion (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
-/// Time within which motion outside the modes fades, s: a quarter of a wave.
+/// Time within which motion outside the modes fades, s: a quarter of a wave period.
 pub const FADE_S: f64 = 1.0;
-/// Time within which heel and trim change, s: that of a helm manoeuvre.
+/// Time within which heel and trim change, s: duration of a helm manoeuvre.
 const HEEL_S: f64 = 2.0;
 
 /// The vessel's motion at one time, in axes parallel to NED.
@@ -48,13 +48,13 @@ pub struct MotionSample<C: Clock> {
     pub at: Time<C>,
     /// Mean heading, rad.
     pub mean_heading: f64,
-    /// Velocity about its mean north and east (m/s), heave (m down), tilt about north and east (rad), heading about its
-    /// mean (rad).
+    /// Velocity north and east about its mean (m/s), heave (m, down), tilt about north and east (rad),
+    /// heading about its mean (rad).
     pub value: [f64; DOFS],
-    /// Rates of heave (m/s) and of tilt about north and east (rad/s); acceleration north and east by the turn
-    /// of the mean course (m/s²).
+    /// Rates of heave (m/s) and of tilt about north and east (rad/s); acceleration north and east caused by
+    /// the turn of the mean course (m/s²).
     pub rate: [f64; 5],
-    /// Variance of the slow heave error, m²: the mean water level that heave refers to.
+    /// Variance of the slow heave error, m²: error of the mean water level to which heave refers.
     pub level_variance: f64,
 }
 
@@ -87,7 +87,7 @@ pub struct MotionModel<C: Clock> {
     modes: Option<Modes<C>>,
     /// Difference between both predictions, per degree of freedom, at [`SPREAD_AT_S`].
     apart: [[f64; DOFS]; SPREAD_AT_S.len()],
-    /// Errors of the modes as propagated by the drone.
+    /// Prediction errors of the modes as the drone propagates them.
     errors: ForecastErrors<C>,
 }
 
@@ -151,7 +151,7 @@ impl<C: Clock> MotionModel<C> {
         }
     }
 
-    /// Weights the modes of both identifications and stores their difference; before, a fading motion.
+    /// Weights the modes of both identifications and stores their difference; uses a fading motion before there are modes.
     fn mix(&mut self, newest: &MotionSample<C>) {
         let [earth, vessel] = &self.identified;
         self.apart = Default::default();
@@ -201,17 +201,17 @@ impl<C: Clock> MotionModel<C> {
     fn modal_motion(&self, t: f64) -> Motion {
         self.modes.as_ref().map_or_else(Motion::default, |m| m.motion(t))
     }
-    /// Recent mean tilt about north and east of a vessel on this mean heading, rad; it turns with it.
+    /// Recent mean tilt about north and east of a vessel on this mean heading, rad; it turns with the vessel.
     fn mean_tilt(&self, mean_heading: f64) -> [f64; 2] {
         let [_, vessel] = &self.identified;
         let mean = vessel.mean();
         turned([mean[ROLL], mean[PITCH]], -mean_heading)
     }
-    /// Present heel and trim as tilt about north and east on this mean heading, rad; they turn with it.
+    /// Present heel and trim as tilt about north and east on this mean heading, rad; they turn with the vessel.
     pub fn heel(&self, mean_heading: f64) -> [f64; 2] {
         turned(self.heel, -mean_heading)
     }
-    /// Motion about heel and trim: the modes plus the present residual of heave and tilt, which fades.
+    /// Motion `t` s ahead about heel and trim: the modes plus the present residual of heave and tilt, which fades.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = self.modal_motion(t);
         let Some(newest) = &self.newest else { return out };
@@ -249,13 +249,13 @@ impl<C: Clock> MotionModel<C> {
             .sum();
         1.0 - left / OBSERVED.len() as f64
     }
-    /// Standard deviation of the modes' prediction error in `ahead` s by degree of freedom: as measured, but
-    /// at least the present difference of the two identifications.
+    /// Standard deviation of the modes' prediction error `ahead` s ahead, by degree of freedom: as measured,
+    /// but at least the present difference between the two identifications.
     pub fn spread(&self, ahead: f64) -> [f64; DOFS] {
         self.errors.spread(self.deviation(), &self.apart, ahead)
     }
-    /// Variance of the modes' slow heave caused by the level's error, m². The estimated motion contains the
-    /// same error, so a comparison with it does not show it.
+    /// Variance of the modes' slow heave caused by the error of the mean water level, m². The estimated
+    /// motion contains the same error, so a comparison with it does not reveal it.
     pub fn slow_heave_variance(&self) -> f64 {
         let [earth, vessel] = &self.identified;
         earth.slow_variance().max(vessel.slow_variance())
@@ -283,7 +283,7 @@ fn turned([x, y]: [f64; 2], angle: f64) -> [f64; 2] {
     [c * x + s * y, c * y - s * x]
 }
 
-/// Fading motion with the value `now` in each degree of freedom.
+/// Motion that starts at `now` in each degree of freedom and fades.
 fn fading(now: impl Fn(usize) -> f64) -> Mode {
     Mode {
         pole: Complex::from(-1.0 / FADE_S),

@@ -9,30 +9,28 @@ use nalgebra::{DMatrix, DVector};
 use super::MotionSample;
 
 /// Number of channels of a past sample: heave, tilt, their rates, and horizontal acceleration. Velocity is
-/// left out: it depends mostly on the helm.
+/// omitted because it depends mostly on the helm.
 pub(super) const CHANNELS: usize = 8;
-/// Number of past samples used.
 pub(super) const LAGS: usize = 24;
-/// Lags, samples: dense over one second, then every fourth over six. More gain less than 1 % (3 hulls).
+/// Lags, samples: every one over one second, then every fourth over six. More lags gain less than 1 % (3 hulls).
 pub(super) const LAG: [usize; LAGS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
 pub(super) const PAST: usize = 57;
 /// Samples between two steps of the future.
 pub(super) const STRIDE: usize = 2;
-/// Number of steps of the future.
 pub(super) const AHEAD: usize = 15;
 pub(super) const REACH: usize = STRIDE * AHEAD;
 pub(super) const INPUTS: usize = CHANNELS * LAGS;
 pub(super) const OUTPUTS: usize = DOFS * AHEAD;
 
-/// Memory, samples: 100 s, some twenty waves. 60 to 150 s differ by less than 3 % on the three hulls.
+/// Memory, samples: 100 s, about twenty waves. Memories of 60 to 150 s differ by less than 3 % on the three hulls.
 const MEMORY: f64 = 1000.0;
 
 /// Exponentially weighted sums over rows of past `z` and future `f`.
 #[derive(Clone, Debug)]
 pub(super) struct Regression {
-    /// Sum of `[z; f] z'`, inputs first; of the symmetric square only the lower triangle is stored.
+    /// Sum of `[z; f] z'`, inputs first; only the lower triangle of the symmetric square is stored.
     pub(super) products: DMatrix<f64>,
     /// Sum of the squares of `f`.
     pub(super) squares: DVector<f64>,
@@ -83,7 +81,7 @@ pub(super) fn past<C: Clock>(record: &VecDeque<MotionSample<C>>, i: usize) -> Op
 }
 
 impl Regression {
-    /// Adds the row whose future has just been completed.
+    /// Adds the row whose future is now complete.
     pub(super) fn push<C: Clock>(&mut self, record: &VecDeque<MotionSample<C>>) {
         let Some(now) = record.len().checked_sub(1 + REACH) else {
             return;

@@ -14,15 +14,15 @@ const ORDER: usize = 24;
 const RIDGE: f64 = 3e-3;
 /// Number of rows at which the ridge is twice that of a full record.
 const RIDGE_ROWS: f64 = 300.0;
-/// Minimum decay rate, 1/s: a mode forgets its phase within two minutes.
+/// Minimum decay rate, 1/s, so that a mode loses its phase within two minutes.
 const MIN_DECAY: f64 = 0.004;
-/// Minimum magnitude of an eigenvalue: the fraction left after one step.
+/// Minimum magnitude of an eigenvalue: fraction of the mode that remains after one step.
 const DEAD: f64 = 0.37;
 /// Degrees of freedom whose slow modes are dropped because they belong to the course.
 const WITHOUT_SLOW: [usize; 3] = [SURGE, SWAY, YAW];
 const STEP_S: f64 = SAMPLE_S * STRIDE as f64;
 
-/// Whether a mode is a wave rather than course, trim or level.
+/// Whether a mode is a wave rather than a change of course, trim or level.
 fn wave(pole: Complex<f64>, shape: [Complex<f64>; DOFS]) -> bool {
     Mode { pole, shape }.is_wave()
 }
@@ -33,7 +33,7 @@ pub(super) struct Fit {
     scale_in: DVector<f64>,
     scale_out: DVector<f64>,
     mean_in: DVector<f64>,
-    /// Covariance of the scaled inputs and of outputs with inputs.
+    /// Covariance of the scaled inputs, and of outputs with inputs.
     gram: Mat<f64>,
     cross: Mat<f64>,
     variance: Vec<f64>,
@@ -56,9 +56,7 @@ enum Stage {
 }
 
 pub(super) enum FitProgress {
-    /// More parts remain.
     Working(Box<Fit>),
-    /// Complete model.
     Done(Box<Model>),
     /// The sums are degenerate or not finite.
     Failed,
@@ -68,7 +66,7 @@ pub(super) enum FitProgress {
 pub(super) struct Model {
     mean_in: DVector<f64>,
     modes: Vec<ModeFit>,
-    /// Variance of the modes' slow heave caused by the level's error, m².
+    /// Variance of the modes' slow heave caused by the error of the mean water level, m².
     pub(super) slow_variance: f64,
 }
 
@@ -196,7 +194,7 @@ impl Fit {
     fn model(&self, state: &Mat<f64>, observe: &Mat<f64>) -> Option<Model> {
         let x = self.gram.as_ref() * state;
         let covariance = state.transpose() * &x;
-        // Present values from the state: `E[y x'] E[x x']^-1` of the channels.
+        // Maps the state to present values: `E[y x'] E[x x']^-1` of the channels.
         let damped = Mat::from_fn(ORDER, ORDER, |i, j| {
             covariance[(i, j)]
                 + if i == j {
@@ -224,8 +222,8 @@ impl Fit {
         for k in 0..ORDER {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
-            // Keeps one of each conjugate pair. A negative real eigenvalue is half the sampling rate, no
-            // motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
+            // Keeps one of each conjugate pair. A negative real eigenvalue oscillates at half the sampling rate, which is
+            // no motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }
@@ -245,7 +243,7 @@ impl Fit {
                     shape[d] = Complex::default();
                 }
             }
-            // Excitation by the past: row k of the inverse times the state's rows.
+            // Excitation by the past: row k of the inverse times the rows of the state.
             let row: [c64; ORDER] = core::array::from_fn(|m| inverse[(k, m)]);
             let (mut real, mut imaginary) = (DVector::zeros(INPUTS), DVector::zeros(INPUTS));
             for (m, v) in row.iter().enumerate() {
@@ -270,7 +268,7 @@ impl Fit {
         self.strongest(modes)
     }
 
-    /// Shape of the mode with this pole, fitted to its responses in present channels and future outputs.
+    /// Shape of the mode with this pole, fitted to its responses in the present channels and future outputs.
     fn shape(
         &self,
         (pole, twice): (Complex<f64>, f64),
@@ -318,12 +316,12 @@ impl Fit {
         })
     }
 
-    /// Fraction of the slow heave not caused by the level's error (Wiener 1949): `s = 1 - P / V`, with the
-    /// variances `V` of slow heave and `P` of the level. A following sea, met slowly, keeps nearly all of it,
-    /// a drifting boat next to nothing. The kept part has an error variance of `s P`.
+    /// Fraction of the slow heave that the error of the mean water level does not explain (Wiener 1949): `s = 1 - P / V`,
+    /// with the variances `V` of slow heave and `P` of the level. Waves met slowly in a following sea keep nearly all of
+    /// their heave, a drifting boat almost none. The kept part has an error variance of `s P`.
     fn keep_slow_heave(&self, modes: &mut [ModeFit]) -> f64 {
         let slow = |m: &&mut ModeFit| !wave(m.pole, m.shape);
-        // Slow heave from the past: Re c (r + i s)' z.
+        // Slow heave as a function of the past: Re c (r + i s)' z.
         let mut gain = DVector::zeros(INPUTS);
         for m in modes.iter_mut().filter(slow) {
             gain += &m.real * m.shape[HEAVE].re - &m.imaginary * m.shape[HEAVE].im;
@@ -337,8 +335,8 @@ impl Fit {
         fraction
     }
 
-    /// Mean square of a mode relative to the total, summed over degrees of freedom; this row excites it from
-    /// a state of this covariance.
+    /// Mean square of a mode relative to the total, summed over degrees of freedom. `row` excites the mode
+    /// from a state with this covariance.
     fn strength(&self, covariance: &Mat<f64>, row: &[c64; ORDER], shape: &[Complex<f64>; DOFS]) -> f64 {
         let square = |i: usize, j: usize| row[i].re * row[j].re + row[i].im * row[j].im;
         let excitation: f64 = (0..ORDER)

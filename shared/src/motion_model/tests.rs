@@ -33,8 +33,8 @@ fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
     (value, rate)
 }
 
-/// Relative error of the tilt predicted one second ahead with a turn of 90 deg every 25 s. Waves roll the
-/// vessel about its own axes, or tilt the water in a fixed direction.
+/// Relative error of the tilt predicted one second ahead while the vessel turns by 90 deg every 25 s. The
+/// waves either roll the vessel about its own axes or tilt the water in a fixed direction.
 fn error_on_a_square(turns_with_vessel: bool) -> f64 {
     let mut model = MotionModel::<VesselClock>::default();
     let (mut waiting, mut squares, mut motion) = (std::collections::VecDeque::new(), 0.0, 0.0);
@@ -83,8 +83,8 @@ fn motion_model_of_both_hulls_in_turns() {
     }
 }
 
-/// Boat in waves that turns and heels by `heel` (rad) from 120 s on: rms error of the tilt one second ahead
-/// over two minutes, and maximum distance of a prediction's start from the estimate, m, rad.
+/// Boat in waves that turns and heels by `heel` (rad) from 120 s on. Returns the rms error of the tilt one second ahead
+/// over two minutes, rad, and the maximum difference between a prediction's start and the estimate, m or rad.
 fn error_with_heel(heel: f64) -> (f64, f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut model = MotionModel::<VesselClock>::default();
@@ -126,7 +126,7 @@ fn error_with_heel(heel: f64) -> (f64, f64) {
     ((squares / 1190.0).sqrt(), apart)
 }
 
-/// A turn heels the boat by 3 deg; about the mean of the last 100 s it would be 2 deg off for a minute.
+/// A turn heels the boat by 3 deg. A prediction about the mean of the last 100 s would be 2 deg off for a minute.
 #[test]
 fn heel_of_a_turn_within_seconds() {
     let (upright, _) = error_with_heel(0.0);
@@ -135,7 +135,7 @@ fn heel_of_a_turn_within_seconds() {
     assert!(apart < 1e-9, "a prediction begins {apart} off the estimate");
 }
 
-/// Model after `seconds` of these waves with white noise of this size.
+/// Model after `seconds` of these waves with white noise of this amplitude.
 fn after(seconds: f64, noise: f64) -> MotionModel<VesselClock> {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     let mut model = MotionModel::default();
@@ -200,7 +200,7 @@ fn motion_model_after_a_gap_and_nan() {
     );
 }
 
-/// Between two messages, the drone propagates the vessel's modes; most messages have one factor per mode.
+/// The drone propagates the vessel's modes between two messages; most messages contain one factor per mode.
 #[test]
 fn wave_models_over_the_radio() {
     let mut rng = ChaCha8Rng::seed_from_u64(3);

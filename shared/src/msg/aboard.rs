@@ -10,8 +10,7 @@ use super::{
 };
 use crate::time::VesselClock;
 
-/// Maximum number of real sensors on a vessel; one source of bytes can be two of measurements
-/// ([`super::MAX_SOURCES`]).
+/// Maximum number of real sensors on a vessel; one byte stream can be two sources of measurements ([`super::MAX_SOURCES`]).
 pub const MAX_DEVICES: usize = super::MAX_SOURCES / 2;
 /// Maximum number of drones named in one status.
 pub const MAX_NAMED: usize = 16;
@@ -20,10 +19,10 @@ pub const MAX_ORDERS: usize = 8;
 /// Text for the crew in a status.
 pub type Line = Text<240>;
 
-/// Validity of a take-off clearance, s: checks, countdown, and the wait for a good moment.
+/// Validity of a take-off clearance, s: covers checks, countdown, and the wait for a suitable moment.
 pub const TAKE_OFF_CLEARANCE_S: f64 = 120.0;
 /// Validity of a standing clearance during each stay of its drone on the deck, s, without a switch or sensor
-/// that shows visitors. Chosen: the crew still remembers the clearance.
+/// that detects visitors. Chosen: a time over which the crew remembers the clearance.
 pub const TAKE_OFF_STANDING_S: f64 = 600.0;
 /// Maximum validity of a standing clearance, s: one watch on board.
 pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
@@ -35,14 +34,14 @@ pub const TAKE_OFF_WATCH_S: f64 = 14_400.0;
 pub enum DeckOrder {
     /// No drone may descend.
     Closed,
-    /// The deck is clear and open, but not for drones that report from it or may be descending in silence.
+    /// The deck is clear and open, except for drones that report from it or may be descending without radio contact.
     Open,
     /// The deck is clear, and this drone is neither on it nor above it.
     Clear(u32),
     /// Crew and objects are clear of this drone on the deck, and it is not tied down: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// Clears every take-off of this drone until somebody steps on the deck, for at most
+    /// Clears every take-off of this drone until a person steps on the deck, for at most
     /// [`TAKE_OFF_WATCH_S`], while the crew keeps the deck clear.
     TakeOffStanding(u32),
     /// The vessel keeps course and speed for this number of seconds; 0 withdraws the statement.
@@ -105,7 +104,7 @@ pub struct SilentDrone {
     pub drone: u32,
     /// Time since its newest status, s.
     pub silent_s: f64,
-    /// Time until any descent that it had begun has ended, s.
+    /// Time until any descent that it may have begun has ended, s.
     pub remaining_s: f64,
 }
 
@@ -165,17 +164,17 @@ pub struct Decoded {
     pub corrupted: u64,
     /// Complete messages of other kinds.
     pub ignored: u64,
-    /// Complete messages of a supported kind without a measurement: no fix, simulated, empty, other system.
+    /// Complete messages of a supported kind without a usable measurement: no fix, simulated, empty, from another system.
     pub left_out: u64,
     /// Measurements without a time stamp from their source.
     pub undated: u64,
-    /// Measurements stamped on arrival because their source gives no time.
+    /// Measurements stamped on arrival because their source states no time.
     pub by_arrival: u64,
-    /// Recorded measurements spread evenly between two times of their source.
+    /// Recorded measurements spread evenly between two times stated by their source.
     pub spread: u64,
     /// Time pulses announced (UBX TIM-TP).
     pub pulses: u64,
-    /// Announced pulses that do not match the time of their fix: the two have different time bases.
+    /// Announced pulses that do not match the time of their fix, because the two have different time bases.
     pub mismatched_pulses: u64,
 }
 
@@ -245,7 +244,7 @@ pub struct SourceUse {
     pub stuck: u64,
     /// The sensor repeats one value now.
     pub is_stuck: bool,
-    /// Measurements used, and measurements rejected (before or by the gates), during the last seconds.
+    /// Measurements used, and measurements rejected (before or by the gates), within the last seconds.
     pub lately: [u64; 2],
 }
 
@@ -269,7 +268,7 @@ pub struct EstimatorStatus {
     pub advice: Option<CourseAdvice>,
     /// Measurements outside their chi-square gates: inertial, GNSS, heading.
     pub outliers: [u64; 3],
-    /// Restarts from scratch.
+    /// Restarts of the filter from scratch.
     pub restarts: u64,
     /// Inputs rejected before the gates.
     pub rejected: u64,
@@ -307,7 +306,7 @@ pub struct DeckStatus {
     pub wants_steady: bool,
 }
 
-/// Drone that has been received.
+/// Drone from which a status has been received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DroneContact {
@@ -331,7 +330,7 @@ pub struct VesselStatus {
     pub deck: DeckStatus,
     /// Boot ids of the newest accepted crew orders.
     pub orders: Seq<u32, MAX_ORDERS>,
-    /// Drones that have been received.
+    /// Drones from which a status has been received.
     pub drones: Seq<DroneContact, MAX_NAMED>,
     /// State of the estimator.
     pub estimator: EstimatorStatus,

@@ -9,7 +9,7 @@ use super::{Header, within};
 use crate::geodesy::Datum;
 use crate::time::DroneClock;
 
-/// Minimum standard deviation of a beacon's position on each axis, m: a receiver without corrections.
+/// Minimum standard deviation of a beacon's position on each axis, m: that of a receiver without corrections.
 pub const MIN_BEACON_SD_M: f64 = 1.0;
 /// Maximum plausible speed of a vessel with a beacon, m/s.
 pub const MAX_BEACON_MPS: f64 = 20.0;
@@ -35,7 +35,7 @@ pub enum BeaconSource {
 }
 
 impl BeaconSource {
-    /// Name for messages.
+    /// Name used in messages.
     pub const fn name(self) -> &'static str {
         match self {
             BeaconSource::Operator => "an operator's order",

@@ -13,10 +13,10 @@ pub enum CommandKind {
     /// Land on the vessel.
     #[default]
     Land,
-    /// Abort the landing, climb and hold; overrides every other command. If a climb would meet the deck
-    /// harder than the landing, the drone completes the landing.
+    /// Abort the landing, climb and hold; overrides every other command. If the deck would strike a climbing
+    /// drone harder than a landing one, the drone completes the landing.
     Abort,
-    /// Hold here, but not below the tracking height over the deck.
+    /// Hold at the present position, but not below the tracking height above the deck.
     Hold,
     /// Take off from the deck, climb to approach height and hold.
     TakeOff,
@@ -61,7 +61,7 @@ pub enum CommandProgress {
     Forbidden,
     /// Replaced by a newer command for the drone.
     Replaced,
-    /// Known from before a restart of the vessel, and no longer repeated.
+    /// Received before a restart of the vessel's process, and no longer repeated.
     Unknown,
 }
 
@@ -71,7 +71,7 @@ pub enum CommandProgress {
 pub struct CommandReceipt {
     /// Identity of the vessel, the addressed drone, and the time of this progress.
     pub header: Header<VesselClock>,
-    /// Boot and sequence of the operator's message. The vessel's own repetitions have others.
+    /// Boot and sequence number of the operator's message, which differ from those of the vessel's repetitions.
     pub operator: [u32; 2],
     /// Kind of the command.
     pub kind: CommandKind,

@@ -22,7 +22,7 @@ pub type Name = Text<96>;
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Names<const N: usize> {
-    /// First names of the list.
+    /// Names that fit.
     pub names: Seq<Name, N>,
     /// Number of names left out.
     pub left_out: u32,
@@ -120,7 +120,7 @@ pub struct ComputerReport {
     pub title: Line,
     /// Number of the drone; None: a vessel's computer.
     pub drone_id: Option<u32>,
-    /// Deck dimensions in a drone's configuration; None: unknown.
+    /// Deck dimensions in the drone's configuration; None: unknown.
     pub deck: Option<DeckDimensions>,
     /// Maximum duration of a disarm on the deck, s; None: unknown.
     pub disarm_s: Option<f64>,

@@ -67,7 +67,7 @@ pub struct CameraLight {
 pub const MIN_GLARE: f64 = 0.003;
 
 impl CameraLight {
-    /// Reason why the light hides the tags, if it does.
+    /// Reason why lighting hides the tags, if it does.
     pub fn hides_tags(&self) -> Option<Reason> {
         let dark = Reason::new(ReasonCode::TooDark, self.mean, self.exposure_s.unwrap_or(0.0));
         let glare = |part: f64| Reason::new(ReasonCode::Glare, 100.0 * part, 100.0 * MIN_GLARE);
@@ -199,7 +199,7 @@ impl DeckStage {
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct DeckForecast {
-    /// Identity; `at` is the time of the first stage (about now).
+    /// Identity; `at` is the time of the first stage, close to the present.
     pub header: Header<DroneClock>,
     /// Time between stages.
     pub step: Span,
@@ -218,9 +218,9 @@ pub struct DeckForecast {
     /// Number of decks in view with these tags while the drone's own is not identified; otherwise 0.
     pub decks_in_sight: u32,
     /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged
-    /// over 3 s, recent maximum. 1 if both match their stated errors; None without both.
+    /// over 3 s, as a recent maximum. About 1 if both match their stated errors; None without both.
     pub height_nis: Option<f64>,
-    /// Horizontal distance of the deck by vision from that by radio, and its bound, m; None if not detected.
+    /// Horizontal distance between the deck by vision and the deck by radio, and its bound, m; None if not detected.
     pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or calm water) to 1.
     pub wave_confidence: f64,
@@ -243,11 +243,11 @@ pub struct DeckForecast {
     pub predicted_slopes: Seq<[i8; 2], PREDICTED_SLOPES>,
 }
 
-/// Silence after which the vessel is known by its tags alone, s. Until then its modes are propagated.
+/// Radio silence after which the vessel is located by its tags alone, s. Until then its modes are propagated.
 pub const SILENT_S: f64 = 5.0;
 
 impl DeckForecast {
-    /// Present knowledge of the vessel.
+    /// Source from which the vessel's position is known at present.
     pub fn vessel_level(&self) -> VesselLevel {
         match self.beacon {
             _ if self.radio_age_s <= SILENT_S => VesselLevel::Computer,

@@ -21,14 +21,14 @@ pub const PLAN_STAGES: usize = 41;
 pub struct DroneState {
     /// Identity and time of validity.
     pub header: Header<DroneClock>,
-    /// Number of the frame of `position`. It increases with another autopilot, its restart or a moved origin,
-    /// which invalidates older data, but not with a jump of the estimate (`datum_offset`).
+    /// Number of the frame of `position`. Another autopilot, its restart or a moved origin increases the
+    /// number and invalidates older data; a jump of the estimate (`datum_offset`) does not.
     pub frames: u8,
     /// Origin of the drone's NED: the autopilot's origin.
     pub datum: Datum,
     /// Position of `datum` in the frame of `position`, NED, m; 0 until the autopilot's position estimate
     /// jumps. `position` stays continuous: this offset absorbs the jump, so that detections keep their
-    /// coordinates, and positions by latitude and longitude (the vessel by radio) move.
+    /// coordinates, while positions given by latitude and longitude (the vessel by radio) move.
     pub datum_offset: [f64; 3],
     /// Sum of the jumps of the autopilot's heading since its first odometry, -pi to pi, rad; included in `attitude`.
     pub heading_jumps: f64,
@@ -44,7 +44,7 @@ pub struct DroneState {
     pub specific_force: [f64; 3],
     /// Horizontal acceleration not caused by the rotors, NED, m/s²: wind, and errors of attitude and accelerometers.
     pub disturbance: [f64; 2],
-    /// True wind, separated from airspeed, north and east, m/s; None until it is known to 3 m/s.
+    /// True wind, separated from airspeed, north and east, m/s; None until known to within 3 m/s.
     pub wind: Option<[f64; 2]>,
     /// Standard deviation of the wind on its less certain axis, m/s; None until the wind is known.
     pub wind_sd_mps: Option<f64>,
@@ -123,7 +123,7 @@ pub(crate) fn quaternion(q: &[f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::try_new(Quaternion::new(q[0], q[1], q[2], q[3]), 1e-9).unwrap_or_default()
 }
 
-/// Mode of the autopilot, reduced to what a landing depends on.
+/// Mode of the autopilot, as far as a landing depends on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum AutopilotMode {
@@ -140,7 +140,7 @@ pub enum AutopilotMode {
     Return,
 }
 
-/// State by the autopilot's land detector.
+/// State reported by the autopilot's land detector.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum LandedState {
@@ -180,7 +180,7 @@ pub struct AutopilotState {
     /// The autopilot holds because of set-point loss and follows set-points as soon as they return, or it was in hold
     /// when the link started and nothing shows that a pilot chose it. Any other hold belongs to a pilot.
     pub set_points_lost: bool,
-    /// State by the autopilot's land detector.
+    /// State reported by the autopilot's land detector.
     pub landed: LandedState,
     /// Height of the NED origin above mean sea level, as reported, m; None: not reported.
     pub origin_sea_m: Option<f64>,
@@ -192,11 +192,12 @@ pub struct AutopilotState {
     pub battery_a: Option<f64>,
     /// Collective thrust applied now, 0 to 1 of the maximum; None: not reported recently.
     pub thrust: Option<f64>,
-    /// Collective thrust at hover by the autopilot's estimate, 0 to 1.
+    /// Collective thrust at hover as estimated by the autopilot, 0 to 1.
     pub hover_thrust: f64,
-    /// Reason why the autopilot's state permits no landing (no origin, a parameter); code None: it permits one.
+    /// Reason why the autopilot's state prevents a landing (no origin, a parameter); its code is None if a
+    /// landing is permitted.
     pub rejection: Reason,
-    /// Unsuitable parameter that does not prevent a landing; code None: all are suitable.
+    /// Unsuitable parameter that does not prevent a landing; its code is None if all are suitable.
     pub warning: Reason,
     /// Set-point that would be commanded, compared with the pilot's flight in shadow mode.
     pub shadow: Option<ShadowComparison>,
@@ -225,7 +226,7 @@ pub struct ShadowComparison {
 }
 
 /// Checkpoint of the predictor: offset between the deck's pose by camera and by radio, which a restarted
-/// process cannot measure too close to the deck.
+/// process cannot measure if it is too close to the deck.
 ///
 /// Published with every forecast once the camera has detected the deck. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -233,7 +234,7 @@ pub struct ShadowComparison {
 pub struct PredictorCheckpoint {
     /// Identity and time of writing; boot 0: no checkpoint.
     pub header: Header<DroneClock>,
-    /// Boot of the vessel on the radio. After its restart the radio's error differs.
+    /// Boot id of the vessel received by radio. After its restart, the error of its radio position differs.
     pub vessel_boot: u32,
     /// Newest fused vision measurement.
     pub vision_at: Time<DroneClock>,
@@ -431,7 +432,7 @@ pub struct SetPoint {
     pub thrust: f64,
     /// Attitude response that the pilot node assumes.
     pub response: AttitudeResponse,
-    /// Speed of the hardest contact since the last stop of the motors on the deck, along its normal, m/s.
+    /// Speed along the deck's normal of the hardest contact since the motors last stopped on the deck, m/s.
     pub hard_contact_mps: Option<f64>,
 }
 
@@ -534,7 +535,7 @@ mod tests {
             datum: Datum::new(43.5, 16.3, 12.0),
             ..DroneState::default()
         };
-        // A jump of the estimate alone.
+        // The estimate jumps, and the origin stays.
         let jumped = DroneState {
             datum_offset: [5.0, 0.0, 0.0],
             position: [5.0, 0.0, 0.0],

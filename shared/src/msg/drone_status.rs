@@ -5,9 +5,9 @@ use crate::time::{DroneClock, Time};
 use crate::topics;
 
 impl DroneStatus {
-    /// Status at the time of `header` from the newest states of mission and autopilot. An autopilot report
-    /// older than its topic allows is unknown, and the motors of a landed drone then count as armed
-    /// ([`DroneStatus::still_armed_s`]).
+    /// Status at the time of `header` from the newest states of mission and autopilot. If the autopilot's
+    /// report is older than its topic allows, its state is unknown, and the motors of a landed drone count as
+    /// armed ([`DroneStatus::still_armed_s`]).
     pub fn of(
         header: Header<DroneClock>,
         mission: &MissionState,
@@ -37,23 +37,23 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// Condition that the mission waits for, or for a while the reason for rejecting an order.
+    /// Condition that the mission waits for or, for a short time, the reason why an order was rejected.
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether the mission state is current. An older one is like silence about the drone's actions, but the
-    /// status shows its position.
+    /// Whether the mission's state is current. An outdated one says nothing about the drone's actions, but
+    /// the status still shows its position.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()
     }
 }
 
-/// Time of a disarm after a stopped take-off, s: heartbeats, decay of the thrust, several commands.
+/// Duration of a disarm after a stopped take-off, s: covers heartbeats, decay of the thrust, and several commands.
 const STANDS_DOWN_S: f64 = 5.0;
 
-/// Time since the landing or the stopped take-off, s, of a drone armed on the deck for longer than a disarm
-/// (`disarm_s`), otherwise None. Causes: denied commands, unmet conditions, `disarm.on_deck` is off. A
-/// mission leaves `Landed` when the drone is armed again after a disarm.
+/// Time since the landing or the stopped take-off, s, if the drone has been armed on the deck for longer than
+/// a disarm takes (`disarm_s`); otherwise None. Causes: denied commands, unmet conditions, `disarm.on_deck`
+/// is off. A mission leaves `Landed` when the drone is armed again after a disarm.
 pub fn still_armed_s(
     now: Time<DroneClock>,
     mission: &MissionState,

@@ -13,7 +13,7 @@ pub const DECK_CLOSED: u32 = u32::MAX;
 
 /// Number of waiting places.
 pub const PLACES: usize = 8;
-/// Horizontal distance of the waiting places from the deck's centre, m: vessel's length and GNSS errors.
+/// Horizontal distance of the waiting places from the deck's centre, m; covers the vessel's length and GNSS errors.
 pub const WAITING_DISTANCE_M: f64 = 25.0;
 /// Radius around the deck's centre in which only the owner may fly, m.
 pub const OWNER_ONLY_M: f64 = 15.0;
@@ -24,7 +24,7 @@ pub const STATION_APART_M: f64 = 5.0;
 /// m rms for 1 m each), plus a drone.
 const LAYER_M: f64 = 8.0;
 
-/// Waiting place of a drone, with a height and bearing of its own.
+/// Waiting place of a drone; each has its own height and bearing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WaitingPlace {
     /// Height above the approach height, m.
@@ -75,7 +75,7 @@ impl Course {
     }
 }
 
-/// Tolerance of dimensions of one deck in two files, m: above the error of a tape measure.
+/// Tolerance between the dimensions of one deck in two files, m: more than the error of a tape measure.
 const SAME_DECK_M: f64 = 0.05;
 
 /// Dimensions of the vessel's deck from a configuration.
@@ -94,7 +94,7 @@ impl DeckDimensions {
         let ([x, y, z], [length, width]) = (self.centre, self.size);
         [x, y, z, length, width].map(|v| (f64::from(v) * 1e3).round() / 1e3)
     }
-    /// Reason why a drone with these dimensions must not descend to `vessel`: the most different pair, m.
+    /// Reason why a drone with these dimensions must not descend to `vessel`: the pair that differs most, m.
     pub fn differs_from(&self, vessel: &DeckDimensions) -> Option<Reason> {
         let apart = |(own, other): &(f64, f64)| (own - other).abs();
         let pairs = self.all_m().into_iter().zip(vessel.all_m());
@@ -107,8 +107,8 @@ impl DeckDimensions {
     }
 }
 
-/// Grant that states which drone may descend. It is repeated: a drone descends only with a fresh grant for
-/// it, and breaks off when a grant names another.
+/// Grant that states which drone may descend. It is repeated: a drone descends only with a fresh grant that
+/// names it, and breaks off when a grant names another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
@@ -121,8 +121,8 @@ pub struct DeckGrant<C: Clock> {
     pub occupied: bool,
     /// Drones at the waiting places, lowest place first; 0: free.
     pub places: [u32; PLACES],
-    /// Heights above the deck's mean level of the stations of these drones, m; 0: none, or requested later at
-    /// a taken height.
+    /// Heights above the deck's mean level of the stations of these drones, m; 0: no station, or one
+    /// requested at a height that was already taken.
     pub stations: [u8; PLACES],
     /// Course that the helm intends.
     pub course: Course,

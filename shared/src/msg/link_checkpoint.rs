@@ -11,7 +11,7 @@ use crate::geodesy::Datum;
 use crate::mavlink::SigningTimes;
 use crate::time::DroneClock;
 
-/// Checkpoint of the autopilot link: a restarted process commands before the autopilot's failsafe begins.
+/// Checkpoint of the autopilot link, with which a restarted process sends set-points before the autopilot's failsafe acts.
 ///
 /// Published at 50 Hz. The restarted process validates it before use.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct LinkCheckpoint {
     pub autopilot: u8,
     /// Landing mode in the mission's newest state; None: no state received.
     pub mode: Option<LandingMode>,
-    /// State by the autopilot's land detector.
+    /// State reported by the autopilot's land detector.
     pub landed: LandedState,
     /// Our clock minus the autopilot's, ns.
     pub clock_offset_ns: i64,
@@ -55,7 +55,7 @@ pub struct LinkCheckpoint {
     /// Duration of the hover-thrust identification, s.
     pub hover_learned_s: f64,
     /// Reasons for which this process ended the autopilot's mission in this flight: battery, completion,
-    /// order. None ends it again if a pilot selects it.
+    /// order. The same reason does not end it again if a pilot selects it.
     pub ended_missions: [bool; 3],
     /// Times of the signed frames.
     pub signing: SigningTimes,
@@ -94,7 +94,7 @@ impl WindCheckpoint {
 }
 
 impl LinkCheckpoint {
-    /// Part that stays valid across a reboot, which resets the computer's clock; None: nothing.
+    /// Part that remains valid across a reboot, which resets the computer's clock; None if there is none.
     pub fn lasting(&self) -> Option<LinkCheckpoint> {
         let signed = self.signing != SigningTimes::default();
         let lasts = signed || self.own_mission || self.ended_missions.contains(&true);

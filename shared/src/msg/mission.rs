@@ -27,7 +27,7 @@ pub enum BatteryPlace {
     Here,
 }
 
-/// Extent of a landing: the steps towards a first landing.
+/// Extent to which a landing is flown: steps towards a first landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
@@ -84,7 +84,7 @@ pub struct SettingsOrder {
 pub enum VesselLevel {
     /// Tags on its deck only.
     Tag,
-    /// A beacon in addition, to metres ([`super::DeckBeacon`]): it starts a search for the tags.
+    /// A beacon in addition, accurate to metres ([`super::DeckBeacon`]): it starts a search for the tags.
     Beacon,
     /// Estimates and wave model broadcast by the vessel's computer.
     #[default]
@@ -135,10 +135,10 @@ pub struct MissionState {
     pub min_vessel: VesselLevel,
     /// Minimum clearance of plans above the deck along its normal, m; None: down to the deck.
     pub lowest_clearance_m: Option<f64>,
-    /// Clearance below which only hard reasons break a landing off, m.
+    /// Clearance below which only severe reasons break off a landing, m.
     pub commit_clearance_m: f64,
-    /// Effective remaining battery, 0 to 1: lasting minimum of the gauge, or an estimate for a silent or
-    /// stuck one; None: unknown.
+    /// Effective remaining battery, 0 to 1: sustained minimum of the gauge, or an estimate if the gauge is
+    /// silent or stuck; None: unknown.
     pub battery: Option<f64>,
     /// Battery reserve: charge for the way to the deck and one attempt, or the fixed minimum, 0 to 1.
     pub battery_reserve: f64,
@@ -161,8 +161,8 @@ pub struct MissionState {
 }
 
 impl MissionState {
-    /// Whether the crew must know why the state was entered: an end without a landing or with a hard one, a
-    /// hold without a command, a broken-off descent.
+    /// Whether the crew must learn why the state was entered: an end without a landing or with a hard one, an
+    /// uncommanded hold, or a descent broken off.
     pub fn was_entered_in_trouble(&self) -> bool {
         let broken_off = matches!(self.previous, State::Descent | State::Flare)
             && self.entered.code != ReasonCode::Matched;
@@ -197,7 +197,7 @@ impl MissionState {
             }
         }
     }
-    /// Whether the next state waits for a condition that somebody has to bring about.
+    /// Whether the next state waits for a condition that requires action by crew or operator.
     pub fn waits_in_trouble(&self) -> bool {
         matches!(
             self.waiting.code,
@@ -251,19 +251,19 @@ impl LastVessel {
     }
 }
 
-/// State of the battery by its gauge, passed on to a restarted mission.
+/// State of the battery according to its gauge, passed on to a restarted mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct KnownBattery {
-    /// Time of the flight's last gauge minimum.
+    /// Time at which the gauge last reached a new minimum in this flight.
     pub at: Time<DroneClock>,
-    /// The last minimum of the gauge, 0 to 1; assumed if the gauge has never reported.
+    /// That minimum, 0 to 1; an assumed value if the gauge has never reported.
     pub gauge: f64,
     /// Start of the flight.
     pub start_at: Time<DroneClock>,
     /// Charge at the start, 0 to 1; None: the gauge has never reported.
     pub start: Option<f64>,
-    /// Measured power by the gauge, 1/s.
+    /// Power measured by the gauge, as fraction of the charge per second, 1/s.
     pub power: Option<f64>,
 }
 
@@ -298,7 +298,7 @@ pub struct MissionCheckpoint {
     pub deck_declined: bool,
     /// An operator has stopped the mission and has not ordered a landing since.
     pub stopped: bool,
-    /// Below the commit clearance: only hard reasons break the flare off.
+    /// Below the commit clearance: only severe reasons break off the flare.
     pub committed: bool,
     /// The drone was disarmed on the deck.
     pub disarmed: bool,
@@ -362,14 +362,14 @@ impl MissionCheckpoint {
 pub struct OrderEcho {
     /// Boot and sequence of the newest abort.
     abort: Option<[u32; 2]>,
-    /// Boot and sequence of the newest other order since.
+    /// Boot and sequence of the newest order after that abort.
     order: Option<[u32; 2]>,
     /// The newest order is not carried out.
     rejected: bool,
 }
 
 impl OrderEcho {
-    /// Whether the order that `is_own` finds in the echo is carried out; None: not received, or superseded.
+    /// Whether the order that `is_own` recognises in the echo is carried out; None: not received, or superseded.
     pub fn answers(&self, kind: CommandKind, is_own: impl Fn([u32; 2]) -> bool) -> Option<bool> {
         let (echo, rejected) = match kind {
             CommandKind::Abort => (self.abort, self.rejected && self.order.is_none()),
@@ -422,7 +422,7 @@ pub struct DroneStatus {
     pub attempts: u32,
     /// Remaining battery, 0 to 1; None when the autopilot does not report it.
     pub battery: Option<f64>,
-    /// State by the autopilot's land detector.
+    /// State reported by the autopilot's land detector.
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
     pub deck_distance_m: Option<f32>,
@@ -432,17 +432,17 @@ pub struct DroneStatus {
     pub order: Option<[u32; 2]>,
     /// The motors are armed according to the autopilot's newest report.
     pub armed: bool,
-    /// Time since landing or stopped take-off, s, of a drone armed on the deck for too long; otherwise None.
+    /// Time since landing or stopped take-off, s, if the drone has been armed on the deck for too long; otherwise None.
     pub still_armed_s: Option<f32>,
-    /// Age of the mission's state at sending, s: its process may have ended or hang.
+    /// Age of the mission's state at sending, s; when it grows, the process has ended or hangs.
     pub mission_age_s: f32,
-    /// True wind, north and east, m/s, once known to 3 m/s.
+    /// True wind, north and east, m/s, once known to within 3 m/s.
     pub wind: Option<[f32; 2]>,
     /// Station that the drone keeps or flies to.
     pub station: Option<Station>,
 }
 
-/// Text about a drone that stands armed on the deck, with the remedy; it follows the drone's name.
+/// Message about a drone that is still armed on the deck, with the remedy, to be appended to the drone's name.
 pub fn still_armed(for_s: f32) -> String {
     format!("on deck, still ARMED for {for_s:.0} s: disarm by remote control")
 }

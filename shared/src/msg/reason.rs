@@ -74,19 +74,19 @@ impl WaitingTimes {
     }
 }
 
-/// Text about this value of the autopilot parameter with this number.
+/// Message about this value of the autopilot parameter identified by `number`.
 fn parameter(value: f64, number: f64) -> String {
     let unknown = || format!("a parameter of the autopilot is {value}");
     numbered(number).map_or_else(unknown, |p| p.describe(value).to_string())
 }
 
-/// Name of the autopilot parameter with this number.
+/// Name of the autopilot parameter identified by this number.
 fn parameter_name(number: f64) -> &'static str {
     numbered(number).map_or("a parameter", |p| p.name)
 }
 
-/// Codes, each with its text: the special text of the first condition that holds, otherwise the first text. `v` is the
-/// value and `l` its limit.
+/// Codes with their texts: that of the first condition that holds, otherwise the first text. `v` is the value
+/// and `l` its limit.
 macro_rules! reasons {
     (
         ($v:ident, $l:ident, $v_two:ident, $l_two:ident, $v_percent:ident, $l_percent:ident, $v_deg:ident, $l_deg:ident,
@@ -167,7 +167,7 @@ reasons! {
     Infeasible { "predicted deck motion exceeds limits: {v_two} (limit {l_two})" }
     /// The deck's predicted tilt exceeds the limit, rad.
     TooSteep { "deck tilts {v_deg:.1} deg (limit {l_deg:.1})" }
-    /// Time of steady flight above the deck so far, s.
+    /// Duration of steady flight above the deck so far, s.
     NotSteady { "steady for {v_two} s (needs {l_two})" }
     /// Plan too old, or none found by the solver, s.
     NoPlan { "no fresh plan for {v_two} s (limit {l_two})" }
@@ -228,7 +228,7 @@ reasons! {
     CompletesLanding { "stopped where a climb would hit the deck harder than the landing: completes the landing" }
     /// The autopilot has not reported the origin of its NED.
     NoOrigin { "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)" }
-    /// The origin or position estimate has jumped without a new forecast since: shift of the origin, m.
+    /// The origin or the position estimate has jumped, and no new forecast has arrived since: shift of the origin, m.
     OriginMoved { "the autopilot's origin has moved by {v:.1} m";
         if v == 0.0 => "the autopilot's estimate of position or heading has jumped" }
     /// The vessel is too far away, m.
@@ -257,7 +257,7 @@ reasons! {
     /// without the operator.
     BatteryStopped { "battery at {v_percent:.0} %: below {l_percent:.0} % it lands on the deck, or at the next \
         place, unless it is commanded otherwise" }
-    /// Deck height by another source above that of the forecast, m: the drone stays above both.
+    /// The deck is higher by another source than in the forecast: difference, m. The drone stays above both.
     HeightsDisagree { "the deck is {v:.0} m higher by take-off, mean sea level or camera than by the forecast (limit \
         {l:.0}): stays above both; check the vessel's geoid separation and the autopilot's origin" }
     /// Contact speed above the drone's structural limit, m/s.
@@ -267,7 +267,7 @@ reasons! {
         EKF_STATUS_REPORT)" }
     /// Distance between the deck's position by vision and by radio, m, and the bound of both errors.
     DeckElsewhere { "the deck is detected {v:.1} m from where the radio places it (limit {l:.1}): another vessel's?" }
-    /// Difference between the deck's height by rangefinder and by camera, in standard deviations of both.
+    /// Difference between the deck's height by rangefinder and by camera, in combined standard deviations.
     HeightContradicted { "rangefinder and camera contradict each other about the deck's height: by {v:.1} \
         standard deviations (limit {l:.1})" }
     /// Distance from the hold height, m.
@@ -329,7 +329,7 @@ reasons! {
     TakeOffTilted { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck tilts or slides away" }
     /// Probability of a take-off too low because the deck may rise into the drone.
     TakeOffHit { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck may hit the drone" }
-    /// A better moment to take off comes soon: probability now and then.
+    /// A better moment to take off comes soon: probability now, and at that moment.
     BetterMoment { "probability of a take-off {likely:.0} % now, {:.0} % within seconds", l_percent.floor() }
     /// Probability of a take-off at this moment.
     GoodMoment { "probability of a take-off {likely:.0} % now" }
@@ -351,7 +351,7 @@ reasons! {
     Disarmed { "disarmed on the deck" }
     /// Battery too low for a take-off, fraction.
     TakeOffBattery { "battery at {v_percent:.0} % (needs {l_percent:.0} %) for a take-off" }
-    /// End of a sortie: battery, fraction, and the charge for the way back and one missed attempt.
+    /// End of a sortie: remaining charge, fraction, and the charge for the way back and one missed attempt.
     TurnsBack { "battery at {v_percent:.0} % (needs {l_percent:.0} %): turns back to the vessel" }
     /// End of a sortie: the autopilot has completed its own mission.
     MissionDone { "the autopilot's mission is done: returns to the vessel" }
@@ -380,7 +380,7 @@ reasons! {
     SeveralAutopilots { "autopilots {v:.0} and {l:.0} received: set autopilot.vehicle" }
     /// The remote control's switch is in its abort position.
     SwitchAborts { "the remote control's switch is on abort" }
-    /// A light blinds the camera, no tag detected: saturated part of its image, %, and maximum of a glint.
+    /// A light blinds the camera and no tag is detected: saturated part of the image, %, and the limit for glints.
     Glare { "blinded: no tag detected, and {v:.1} % of the image is at its brightest (limit {l:.1} %): dim or screen \
         the lamp" }
     /// Keeping an ordered station next to the vessel, or on the way to it: remaining time, s, and distance to it, m.
@@ -390,7 +390,7 @@ reasons! {
     StationOver { "the time on the station is over" }
     /// Station below the approach height: its height, m, and the minimum.
     StationTooLow { "a station {v:.0} m up is too low: at least {l:.0} m, the approach height" }
-    /// Station above another deck than its own, or without one: distance from the deck's centre, m; minimum.
+    /// Station too near a deck that is not the drone's own: distance from the deck's centre, m, and the minimum.
     StationTooNear { "a station {v:.0} m from a deck that is not its own is too near: at least {l:.0} m" }
     /// Station at another drone's height: that height, m, and the minimum difference.
     StationTaken { "another drone waits {v:.0} m up: a station has to be {l:.0} m higher or lower" }
@@ -408,22 +408,22 @@ reasons! {
     /// The autopilot reports no battery.
     BatteryUnknown { "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated \
         power module" }
-    /// Fewer than two sources confirm that a drone with turning rotors stands on the deck: it climbs.
+    /// Fewer than two sources confirm that a drone with turning rotors stands on the deck, so it climbs.
     MayFly { "not confirmed on the deck (by rangefinder, height gained and thrust): climbs out" }
     /// The mission was suspended for too long and restarts: height of the feet above the deck, m, and duration, s.
     StoodStill { "mission suspended for {l:.1} s, feet {v_two} m above the deck: starts again" }
     /// Probability of an unsafe contact too high.
     HarmLikely { "probability of an unsafe contact {v_percent:.1} % (limit {l_percent:.1} %)" }
-    /// Deck dimensions in the drone's configuration differ from the vessel's: the pair that differs most, the drone's
-    /// and, as the limit, the vessel's, m.
+    /// Deck dimensions in the drone's configuration differ from the vessel's: the dimension that differs
+    /// most, the drone's and, as the limit, the vessel's, m.
     DeckDiffers { "a dimension of the deck is {v:.2} m in the drone's configuration and {l:.2} m in the vessel's" }
-    /// Battery below the reserve, fraction, and the deck not free: waits down to this charge, fraction; 0: no
-    /// other place is in reach.
+    /// Battery below the reserve, fraction, while the deck is not free: the drone waits until the charge
+    /// reaches the limit, fraction; 0: no other place is in reach.
     BatteryWaits { "battery at {v_percent:.0} %: waits for the deck, no other place is in reach";
         if l > 0.0 => "battery at {v_percent:.0} %: waits for the deck until {l_percent:.0} %, which the next place \
             needs" }
     /// Charge above the reserve again, fraction.
     BatteryRecovered { "battery at {v_percent:.0} % (needs {l_percent:.0} %): continues" }
-    /// No landing within the time limit: longest time for which one reason was in its way, s, and that limit.
+    /// No landing within the time limit: longest time for which a single reason prevented it, s, and that limit.
     WaitedTooLong { "no landing within {l:.0} s, for {v:.0} s of them for one reason" }
 }

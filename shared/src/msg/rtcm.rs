@@ -7,7 +7,7 @@ use super::{Header, MAX_POSITION_M, Seq, positive, within};
 use crate::rtcm::MAX_FRAME_BYTES;
 use crate::time::{Clock, DroneClock, Time};
 
-/// RTCM 3 frames of the vessel's receiver, unchanged; an epoch that fits arrives whole or is lost.
+/// RTCM 3 frames of the vessel's receiver, unchanged. An epoch that fits into one message arrives whole or is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]
@@ -30,12 +30,12 @@ message!(@C RtcmFrames<C>, C, |m| {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum CarrierSolution {
-    /// No solution: code position only, to a metre or more.
+    /// No solution: code position only, accurate to a metre or more.
     #[default]
     None,
-    /// Float solution: to some decimetres, with persistent errors.
+    /// Float solution: accurate to a few decimetres, with persistent errors.
     Float,
-    /// Fixed solution: to centimetres if the ambiguities are correct.
+    /// Fixed solution: accurate to centimetres if the ambiguities are correct.
     Fixed,
 }
 
@@ -75,12 +75,12 @@ pub struct RelativeState {
     pub used_age_s: f64,
     /// The tags have confirmed this solution.
     pub confirmed: bool,
-    /// Distance by which the tags have contradicted the solution, m; it is not used until solved again.
+    /// Distance by which the tags have contradicted the solution, m; the solution is not used until solved again.
     pub contradicted_m: Option<f64>,
 }
 
 impl RelativeState {
-    /// Age of a measurement that may replace a detection, s: a fixed solution confirmed by tags, or infinite.
+    /// Age of a measurement that may replace a detection, s; infinite unless its solution is fixed and confirmed by tags.
     pub fn stands_in_age_s(&self) -> f64 {
         if self.confirmed && self.contradicted_m.is_none() {
             self.used_age_s

@@ -1,4 +1,4 @@
-//! Bounded list of plain data with fixed memory for shared memory and a length check on the wire.
+//! Bounded list of plain data: of fixed size in shared memory, with a length check on the wire.
 
 use core::fmt;
 use core::ops::{Deref, DerefMut};

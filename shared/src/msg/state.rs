@@ -9,7 +9,7 @@ use super::{Reason, ReasonCode};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum State {
-    /// Waits for a landing command, flight and the vessel's state.
+    /// Waits for a landing command, for the drone to fly, and for the vessel's state.
     #[default]
     Idle,
     /// Climbs or descends vertically to approach height.
@@ -82,7 +82,7 @@ impl State {
             State::Descent | State::Flare => Phase::Landing,
         }
     }
-    /// Name for messages.
+    /// Name used in messages.
     pub const fn name(self) -> &'static str {
         match self {
             State::Idle => "Idle",
@@ -104,7 +104,8 @@ impl State {
             State::StandDown => "Stand down",
         }
     }
-    /// Name for messages by the reason for entering: an ordered abort and a completed match are no failures.
+    /// Name used in messages, depending on the reason for entering: an ordered abort and a completed match
+    /// are not failures.
     pub const fn named(self, entered: &Reason) -> &'static str {
         let ended = matches!(self, State::GaveUp);
         if ended && matches!(entered.code, ReasonCode::Operator | ReasonCode::SwitchAborts) {

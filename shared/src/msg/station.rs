@@ -15,7 +15,7 @@ pub const MAX_STATION_M: i8 = 60;
 /// Maximum time on a station, min.
 pub const MAX_STATION_MIN: u8 = 30;
 
-/// Position relative to the vessel. In whole metres and minutes, an order equals its repetition.
+/// Position relative to the vessel, in whole metres and minutes so that an order equals its repetition.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Station {
@@ -25,7 +25,7 @@ pub struct Station {
     pub right_m: i8,
     /// Height above the deck's mean level, m; 0 in an order: approach height.
     pub height_m: u8,
-    /// Duration from the order on, min.
+    /// Duration, counted from the order, min.
     pub for_min: u8,
 }
 
@@ -84,7 +84,7 @@ impl fmt::Display for Station {
 }
 
 impl MissionState {
-    /// Condition that the mission waits for, with a station's position, or the reason for rejecting an order.
+    /// Condition that the mission waits for, with a station's position, or the reason why an order was rejected.
     pub fn waits(&self) -> String {
         if let Some(rejected) = self.rejected {
             return rejected.to_string();
@@ -110,7 +110,7 @@ pub struct KeptStation {
 }
 
 impl KeptStation {
-    /// This station with `until` as the time left at `now` in whole minutes, counted from the clock's zero.
+    /// This station with the time left at `now`, in whole minutes, stored in `until` as time since the clock's epoch.
     pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
         let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
         KeptStation {
@@ -118,7 +118,7 @@ impl KeptStation {
             ..*self
         }
     }
-    /// This station with the time left from [`Self::left_at`] counted from `now`.
+    /// This station with the time left, as stored by [`Self::left_at`], counted from `now`.
     pub fn begun_at(&self, now: Time<DroneClock>) -> KeptStation {
         KeptStation {
             until: now + (self.until - Time::EPOCH),

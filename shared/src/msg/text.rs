@@ -1,4 +1,4 @@
-//! Bounded text for people, such as an error message of the system.
+//! Bounded human-readable text, such as an error message of the operating system.
 
 use core::fmt;
 use std::borrow::Cow;

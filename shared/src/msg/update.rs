@@ -1,4 +1,4 @@
-//! Radio forms of the vessel's estimate and wave model: changes in each message, the rest less often.
+//! Radio forms of the vessel's estimate and wave model: every message carries what changes, a few also the rest.
 //!
 //! # Byte layout on the wire
 //!
@@ -76,7 +76,7 @@ pub struct EstimateUpdate<C: Clock> {
     /// Acceleration in NED (m/s²), then Euler-angle accelerations (rad/s²).
     #[schemars(with = "[F16; 6]")]
     pub eta_ddot: [f16; 6],
-    /// Checksum of the datum; the slowly changing part completes only estimates with the same one.
+    /// Checksum of the datum; the slowly changing part completes only estimates with the same checksum.
     pub datum_sum: u16,
     /// Slowly changing part, in every third estimate; it completes the following ones of the same boot and datum.
     pub rest: Option<EstimateRest>,
@@ -171,7 +171,7 @@ pub struct WaveUpdate<C: Clock> {
     pub factors: Seq<[f16; 2], MAX_MODES>,
     /// Modes, strongest first; empty in a continued model.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// Steepest apparent slope of the deck in each window of 2 s, present one first, in steps of 0.01, by the
+    /// Steepest apparent slope of the deck in each window of 2 s, newest first, in steps of 0.01, by the
     /// force in the deck's axes; empty in a continued model.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// Advice for the helm; None in a continued model.
@@ -219,7 +219,7 @@ impl<C: Clock> WaveUpdate<C> {
     pub fn is_whole(&self) -> bool {
         self.base == self.header.sequence
     }
-    /// The model that continues `base`; None if it continues another.
+    /// The model that continues `base`; None if it continues another model.
     fn completed(&self, base: &WaveModel<C>) -> Option<WaveModel<C>> {
         let same = self.header.boot == base.header.boot
             && self.base == base.header.sequence
@@ -493,7 +493,7 @@ mod tests {
             advice: None,
         }
     }
-    /// Maximum difference of two models relative to the second's modes in a degree of freedom.
+    /// Maximum difference between two models in any degree of freedom, relative to the modes of the second.
     fn off(a: &WaveModel<VesselClock>, b: &WaveModel<VesselClock>) -> f64 {
         let ratio = |d: usize| {
             let both = || {
@@ -529,7 +529,7 @@ mod tests {
                 (got.header, got.slopes, got.advice),
                 (sent.header, sent.slopes, sent.advice)
             );
-            // A receiver that misses a whole model has every model again from the next whole one on.
+            // After missing a whole model, a receiver decodes every model from the next whole one on.
             let received = ![0, 6].contains(&k) && late.waves(&update).is_some();
             assert_eq!(received, (3..6).contains(&k) || k >= 9, "{k}");
         }

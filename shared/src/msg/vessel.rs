@@ -92,8 +92,8 @@ pub struct WaveMode {
     pub shape: [[f16; 2]; 6],
 }
 
-/// Advice for the helm: the course with the highest probability of a landing. Each pair is for the present
-/// and the advised course, equal if no other course is worth its cost.
+/// Advice for the helm: the course with the highest probability of a landing. Each pair holds the value for
+/// the present and for the advised course; both are equal if no other course is worth its cost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct CourseAdvice {
@@ -143,10 +143,10 @@ pub struct WaveModel<C: Clock> {
     pub confidence: f32,
     /// Modes, strongest first, whose real parts add up to the motion about its mean; empty until identified.
     pub modes: Seq<WaveMode, MAX_MODES>,
-    /// Steepest apparent slope of the deck in each window of [`SLOPE_WINDOW_S`], present one first, in steps
-    /// of [`SLOPE_STEP`]: `|f_xy| / |f_z|` of the specific force in the deck's axes, averaged over one
-    /// second. A landed drone slides when it exceeds the coefficient of friction. Events beyond a sum of
-    /// waves, such as a hull that leaves the water over a steep crest, recur.
+    /// Steepest apparent slope of the deck in each window of [`SLOPE_WINDOW_S`], newest first, in steps of
+    /// [`SLOPE_STEP`]: `|f_xy| / |f_z|` of the specific force in the deck's axes, averaged over one second. A
+    /// landed drone slides when it exceeds the coefficient of friction. Events beyond a sum of waves, such as
+    /// a hull that leaves the water over a steep crest, recur.
     pub slopes: Seq<u8, SLOPE_WINDOWS>,
     /// Advice for the helm; None if no other course is worth its cost, or the wave directions are unknown.
     pub advice: Option<CourseAdvice>,

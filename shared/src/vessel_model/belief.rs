@@ -121,7 +121,7 @@ pub struct Belief {
 }
 
 impl Belief {
-    /// Zero mean; slow states, disturbances and oscillators with their stationary or initial deviations.
+    /// Belief with zero mean, and the stationary or initial deviations of slow states, disturbances and oscillators.
     pub fn new(model: &VesselModel, spec: &BeliefSpec) -> Self {
         let mut related = [[false; DOFS]; DOFS];
         for g in model.groups() {
@@ -364,7 +364,7 @@ impl Belief {
 
     /// Rotates the reference heading by `delta` rad: (surge, sway) and (roll, pitch) with waves and
     /// disturbances, and the mean velocity. Trim (the slow state of roll and pitch), additional states and
-    /// yaw are fixed to the body and stay.
+    /// yaw are fixed to the body and remain unchanged.
     pub fn turn(&mut self, delta: f64) {
         let (s, c) = delta.sin_cos();
         let before = self.clone();

@@ -29,7 +29,7 @@ config! {
         /// Off-diagonal pairs of M.
         pub inertia_coupling: Vec<Coupling> = Vec::new();
         /// Diagonal of D: N/(m/s), Nm/(rad/s).
-        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave: damping ratio 0.3 of the Otter.
+        /// Source: Surge, sway, yaw: linear drag of the WAM-V. Heave: damping ratio 0.3, that of the Otter.
         /// Chosen: Roll and pitch: damping ratio 0.7, without a resonance above the waves.
         pub damping_npmps_nmpradps: [f64; 6] = [51.3, 40.0, 2239.0, 6900.0, 7300.0, 400.0], in 0.0..=1e9;
         /// Off-diagonal pairs of D.

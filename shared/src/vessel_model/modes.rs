@@ -24,7 +24,7 @@ pub struct Mode {
     pub shape: [Complex<f64>; DOFS],
 }
 
-/// Angular frequency below which a motion is a course, a trim or a level, rad/s (periods above 18 s).
+/// Angular frequency below which a motion counts as a change of course, trim or level, rad/s (periods above 18 s).
 const SLOW_RADPS: f64 = 0.35;
 
 impl Mode {
@@ -58,7 +58,7 @@ impl Mode {
         }
         Mode { shape, ..*self }
     }
-    /// Factor from velocity to displacement, s: `1 / p_k`; zero for a slow mode, which is a course.
+    /// Factor from velocity to displacement, s: `1 / p_k`; zero for a slow mode, which is a change of course.
     pub fn integral(&self) -> Complex<f64> {
         if self.is_wave() {
             self.pole.inv()
@@ -94,7 +94,7 @@ impl From<&WaveMode> for Mode {
 pub struct Modes<C: Clock> {
     /// Time of validity of the shapes.
     pub at: Time<C>,
-    /// Modes, whose motions add up.
+    /// Modes; the vessel's motion is the sum of theirs.
     pub modes: Vec<Mode>,
 }
 
@@ -119,8 +119,8 @@ impl<C: Clock> Modes<C> {
         };
         self.modes.iter().map(path).sum()
     }
-    /// Mean wave frequency, rad/s, weighted by the squared shapes of heave and of tilt, each relative to its
-    /// own sum, so that no metres are added to radians; None without waves.
+    /// Mean wave frequency, rad/s, weighted by the squared shapes of heave and of tilt, each normalised by
+    /// its own sum so that metres and radians are not mixed; None without waves.
     pub fn frequency(&self) -> Option<f64> {
         // Noise level of the motion: m, rad.
         let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);
@@ -131,7 +131,7 @@ impl<C: Clock> Modes<C> {
             let all: f64 = waves().map(square).sum();
             let mean: f64 =
                 waves().map(|m| square(m) * m.pole.im.abs()).sum::<f64>() / all.max(f64::MIN_POSITIVE);
-            // A motion within its noise is weighted by its ratio to it.
+            // A motion below its noise level is weighted by its ratio to that level.
             let weight = (all / noise.powi(2)).min(1.0);
             sum += weight * mean;
             of += weight;

@@ -120,7 +120,6 @@ fn discretisation_by_parts_against_van_loan() {
 
 #[test]
 fn heave_in_a_long_wave() {
-    // Stiff follower in a single 5 s wave.
     let mut wave = waves()[0];
     wave.drive = [0.0; 6];
     wave.damping = 1e-4;

@@ -7,7 +7,7 @@
 use alight_shared::msg::MAX_PEERS;
 use serde_json::{Value, json};
 
-/// Maximum size of a query with payload, bytes; ours have none.
+/// Maximum size of a query with payload, bytes; ours have no payload.
 const MAX_QUESTION_BYTES: usize = 256;
 /// Maximum query rate per key and link, Hz. A drone queries once on connection. Ten links exhaust a key.
 const MAX_QUESTION_HZ: f64 = 2.0;

@@ -16,7 +16,7 @@ use crate::{TransportContext, TransportError};
 const BUFFER: usize = 2;
 /// Number of images held by a reader: the present one and its successor.
 const BORROWED: usize = 2;
-/// Maximum number of publishers and of readers; killed processes occupy theirs for a while.
+/// Maximum number of publishers and of readers; a killed process occupies its ports until they are cleaned up.
 const PORTS: usize = 4;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,7 +127,7 @@ impl ImagePublisher {
         })
     }
     /// Sends an image of `bytes` bytes that `write` produces in place. Above the maximum size it is counted
-    /// as unsent, without a call of `write`.
+    /// as unsent, without calling `write`.
     pub fn send_with(&mut self, header: ImageHeader, bytes: usize, write: impl FnOnce(&mut [u8])) {
         let sent = self.port.loan_slice(bytes).is_ok_and(|mut slot| {
             *slot.user_header_mut() = header;

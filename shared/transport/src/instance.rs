@@ -89,7 +89,7 @@ impl Instance {
     pub fn prefix(&self) -> String {
         format!("alight_{}_", self.name)
     }
-    /// Removes the instance's files from shared memory and the middleware. No process of it may be running.
+    /// Removes the instance's files from shared memory and the middleware. None of its processes may be running.
     pub fn wipe(&self) -> std::io::Result<()> {
         let prefix = self.prefix();
         for directory in ["/dev/shm", "/tmp"] {

@@ -27,8 +27,8 @@ use alight_shared::plain::{self, Plain};
 use alight_shared::process::InputState;
 use alight_shared::topics::{self, Topic};
 
-/// Maximum number of publishers per topic: every process may publish its state, and a killed one occupies its
-/// own until it is cleaned up.
+/// Maximum number of publishers per topic: any process may publish its state, and a killed one occupies its
+/// port until it is cleaned up.
 const PUBLISHERS: usize = 16;
 /// Maximum number of subscribers per topic: all processes, and observers.
 const SUBSCRIBERS: usize = 24;
@@ -165,7 +165,7 @@ type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 
 /// All services of an instance, open as long as their creator runs.
 pub struct Services {
-    #[allow(dead_code, reason = "a service lives as long as somebody holds it")]
+    #[allow(dead_code, reason = "a service exists as long as its handle")]
     held: Vec<Held>,
     _images: ImageServices,
 }
@@ -279,8 +279,7 @@ impl<T: Plain> Subscriber<T> {
     pub fn all(&mut self, now_ns: i64) -> Vec<T> {
         let mut messages = Vec::new();
         while messages.len() < MAX_PER_READ {
-            // On an error, a publisher disappeared while sending: its message is lost, the next read tries
-            // again.
+            // On an error, a publisher disappeared while sending: its message is lost, and the next read tries again.
             let Ok(Some(sample)) = self.port.receive() else {
                 break;
             };

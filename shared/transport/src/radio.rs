@@ -45,7 +45,7 @@ use alight_shared::wire::MAX_WIRE_BYTES;
 /// Timeout for a publisher's reply; broadcasts arrive in the meantime.
 const ASK_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of consecutive messages without a pause: half a step record of the longest ones.
+/// Maximum number of consecutive messages without a pause; the longest ones fill half a step record.
 const MAX_IN_A_ROW: usize = 128;
 /// Polling interval for messages that a test bench delays, which arrive without a wake-up.
 const BENCH_WAIT: Duration = Duration::from_millis(5);
@@ -100,13 +100,10 @@ pub struct Flow {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RadioCounts {
-    /// Messages passed to the middleware.
     pub sent: u64,
     pub sent_bytes: u64,
-    /// Messages rejected by the middleware.
     pub unsent: u64,
     pub received: u64,
-    /// Queries for newest messages.
     pub asked: u64,
     /// Messages dropped because of their length, or replaced by newer ones before the process read them.
     pub dropped: u64,
@@ -119,7 +116,6 @@ pub struct Radio {
     opening: Option<Receiver<Result<Open, TransportError>>>,
     attempts: Attempts,
     watched: bool,
-    /// Messages received without a pause.
     in_a_row: usize,
     counts: RadioCounts,
     flows: Vec<Flow>,
@@ -207,7 +203,7 @@ impl Parts {
                 .congestion_control(CongestionControl::Drop)
                 .priority(priority(publication.urgency))
                 .express(true)
-                // Retransmitted old messages would delay new ones; no effect over TCP and UDP.
+                // Retransmitted old messages would delay new ones. The setting has no effect over TCP and UDP.
                 .reliability(Reliability::BestEffort)
                 .wait()
                 .map_err(|e| TransportError::because(format!("publishing {}", publication.key), e))
@@ -253,7 +249,7 @@ impl Parts {
 }
 
 impl Radio {
-    /// Opens the session with `publications` and `subscriptions`; an absent router is awaited in background.
+    /// Opens the session with `publications` and `subscriptions`; waits for an absent router in the background.
     pub fn open(
         config: &RadioConfig,
         publications: Vec<Publication>,
@@ -288,7 +284,7 @@ impl Radio {
         };
         radio.begin()?;
         radio.plaintext_attempts = PlaintextAttempts::at(&config.listen);
-        // A session that never receives counts as silent, such as one that stalled while opening (observed
+        // A session that never receives counts as silent, for example if it stalled while opening (observed
         // once, over UDP on a loaded computer).
         radio.last_received_ns = Some(steady_ns());
         Ok(radio)
@@ -444,12 +440,11 @@ impl Radio {
         self.channel.as_mut()?.ready(steady_ns())
     }
 
-    /// Watchdog of the dialling side, to be called periodically. Reopens the session if it is silent, or has
-    /// brought no fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The
-    /// latter occurs if a stream is far behind, or if declarations of a datagram session were lost or
-    /// overtaken, so that one side publishes without a subscriber (30 ms of jitter: 2 of 8 sessions). The
-    /// listening side keeps its socket, and silence means nothing to it; its watchdog is
-    /// [`Radio::survives_pause`].
+    /// Watchdog of the dialling side, to be called periodically. Reopens the session if it is silent, or has brought no
+    /// fresh messages for too long; `age_s` is the age of the newest (infinite: unknown). The latter occurs if a stream is
+    /// far behind, or if declarations of a datagram session were lost or overtaken, so that one side publishes without a
+    /// subscriber (30 ms of jitter: 2 of 8 sessions). The listening side keeps its socket, and silence does not indicate a
+    /// fault there; its watchdog is [`Radio::survives_pause`].
     pub fn watch(&mut self, age_s: f64) {
         self.watched = true;
         let is_begun = self.opening.is_some() || self.open.is_none() && self.attempts.is_pausing();
@@ -481,11 +476,10 @@ impl Radio {
         self.reopen();
     }
 
-    /// Whether the session is usable after its process was suspended for `gap_s`. After about one lease, the
-    /// middleware's reader of a listener's datagram socket stays blocked and keeps the port (SIGSTOP for 2 s:
-    /// 9 of 9 never read again, even with the session closed), so only a new process receives again. The
-    /// dialling side has its watchdog ([`Radio::watch`]); a vessel behind a router has none, because silence
-    /// means nothing to it.
+    /// Whether the session is usable after its process was suspended for `gap_s`. After about one lease, the middleware's
+    /// reader of a listener's datagram socket stays blocked and keeps the port (SIGSTOP for 2 s: 9 of 9 never read again,
+    /// even with the session closed), so only a new process receives again. The dialling side has its watchdog
+    /// ([`Radio::watch`]); a vessel behind a router has none, because silence does not indicate a fault there.
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         let config = &self.parts.config;
         let recovers = self.watched && !config.connect.is_empty();

@@ -53,7 +53,7 @@ pub fn counted() -> AccessRejections {
     *COUNTED.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Counting layer for a process with a log of its own.
+/// Counting layer for a process with its own log.
 pub fn layer<S: Subscriber + for<'a> LookupSpan<'a>>() -> impl Layer<S> {
     let is_rejection = |metadata: &Metadata<'_>| {
         metadata.is_event() && (metadata.target().starts_with(HANDSHAKES) || metadata.target() == RULES)

@@ -1,4 +1,4 @@
-//! Termination signals, and signals of fault tests.
+//! Termination signals, and signals sent by fault tests.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, LazyLock};

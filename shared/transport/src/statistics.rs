@@ -1,5 +1,3 @@
-//! Statistics of a subscriber.
-
 use hdrhistogram::Histogram;
 
 use alight_shared::bus::ReadCounts;
@@ -68,7 +66,7 @@ mod tests {
     #[test]
     fn input_statistics_gaps_and_restarts() {
         let mut statistics = InputStatistics::new(&topics::PLAN);
-        // The third is lost, the fourth overtaken, and one is older than the first.
+        // The third message is lost, the fourth overtaken, and one is older than the first.
         let orders = [
             (1, 1),
             (1, 2),

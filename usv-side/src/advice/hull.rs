@@ -1,10 +1,9 @@
-//! Response of the hull to a single wave by the vessel model: a wall-sided hull with the model's stiffness. Heave, roll
-//! and pitch respond as damped oscillators to a wave averaged over length and beam, and the water carries the hull
-//! along horizontally.
+//! Response of the hull to a single wave according to the vessel model: a wall-sided hull with the model's
+//! stiffness. Heave, roll and pitch respond as damped oscillators to a wave averaged over length and beam,
+//! and the water carries the hull along horizontally.
 //!
-//! For the wave `Re(e^{i psi})`, positive up, with `psi = omega_e t - k x` (deep water, `k = omega²/g`), relative
-//! direction `mu` (0: following sea, running towards the bow) and frequency of encounter `omega_e = omega - k U cos
-//! mu`:
+//! For the wave `Re(e^{i psi})`, positive up, with `psi = omega_e t - k x` (deep water, `k = omega²/g`), relative direction
+//! `mu` (0 in a following sea, which runs towards the bow) and frequency of encounter `omega_e = omega - k U cos mu`:
 //!
 //! ```text
 //! heave (down)   -N_0(k L cos mu / 2) N_0(k B sin mu / 2) H_3(omega_e)

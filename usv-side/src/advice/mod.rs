@@ -8,8 +8,8 @@
 //! The slopes that move a landed drone are those of the last two minutes, as in the drone's own calculation,
 //! scaled on another course by the ratio of the modelled deviations.
 //!
-//! A change costs the time until the new course is steady, at the price of waiting in the drone's mission
-//! ([`WAITING_COST_PER_MIN`]).
+//! A change of course costs the time until the new course is steady, at the rate at which waiting costs in
+//! the drone's mission ([`WAITING_COST_PER_MIN`]).
 //!
 //! One course is evaluated per step to keep steps short; a round begins every [`PERIOD_S`].
 
@@ -49,7 +49,6 @@ const MAX_SPEEDS: usize = 6;
 /// Turn rate without heeling, rad/s, and acceleration, m/s². Chosen: gentle for a small boat.
 const TURN_RADPS: f64 = 0.1;
 const SPEED_CHANGE_MPS2: f64 = 0.3;
-/// Maximum time to reach an advised course, s.
 const MAX_TURN_S: f64 = 30.0;
 /// Turn rate above which the sea is not estimated, rad/s.
 const TURNING_RADPS: f64 = 0.1;
@@ -57,7 +56,6 @@ const TURNING_RADPS: f64 = 0.1;
 const MAX_SEA_AGE_S: f64 = 600.0;
 /// Typical standard deviation of the forecast position per axis, m.
 const PLACE_SD_M: f64 = 0.05;
-/// Wind assumed while it is unknown.
 const NO_WIND: Vector2<f64> = Vector2::new(0.0, 0.0);
 
 /// Deck motion and probability of a landing on one course.
@@ -199,7 +197,7 @@ impl Advisor {
         }
     }
 
-    /// All courses of the last round, present one first; empty before a sea is estimated.
+    /// All courses of the last round, the present one first; empty before a sea is estimated.
     pub fn outlooks(&self) -> &[CourseOutlook] {
         &self.outlooks
     }
@@ -295,8 +293,8 @@ impl Advisor {
         }
     }
 
-    /// Outlook for a course with these powers of the deck's signals. `here` scales the measured slopes: the
-    /// modelled standard deviation of the apparent slope on the present course.
+    /// Outlook for a course with these powers of the deck's signals. `here` is the modelled standard
+    /// deviation of the apparent slope on the present course, by which the measured slopes are scaled.
     fn outlook(
         &self,
         now: &Conditions,

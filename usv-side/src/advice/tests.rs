@@ -4,8 +4,8 @@ use alight_shared::vessel_model::DOFS;
 
 use super::*;
 
-/// Advisor after samples of a hull in these waves (height m, angular frequency rad/s, direction rad): heave
-/// and slope of the water, with `roll` times the slope.
+/// Advisor after samples of a hull in these waves (height m, angular frequency rad/s, direction rad). It
+/// heaves with the water and rolls by `roll` times the slope.
 fn sampled(waves: &[[f64; 3]], heading: f64, speed_mps: f64, roll: f64, seconds: f64) -> Advisor {
     let mut advisor = Advisor::new(
         &VesselModelConfig::default(),

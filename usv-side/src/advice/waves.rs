@@ -1,11 +1,11 @@
 //! Directional wave spectrum and powers of the deck's motion, from the vessel's motion as it meets the waves.
 //!
-//! The spectra are averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s.
-//! Water and hull move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the
-//! cross-spectra `C` per frequency, `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` therefore points in that
-//! direction, and its length `r` gives the spread `s = r / (1 - r)` of `cos^2s((theta - theta_1) / 2)`
-//! (Longuet-Higgins, Cartwright and Smith 1963). The wave frequency in each direction follows from that of encounter,
-//! `omega_e = omega - omega² U cos mu / g`; of up to three solutions the longest wave has the energy.
+//! The spectra are averaged periodograms (Welch 1967) with a Hann window over segments of 26 s that begin every 6 s. Water
+//! and hull move vertically by `z` and horizontally by `u`, in phase in the direction of propagation. With the
+//! cross-spectra `C` per frequency, `[a, b] = [C_zn, C_ze] / sqrt(C_zz (C_nn + C_ee))` therefore points in that direction,
+//! and its length `r` gives the spread `s = r / (1 - r)` of `cos^2s((theta - theta_1) / 2)` (Longuet-Higgins, Cartwright
+//! and Smith 1963). The wave frequency in each direction follows from that of encounter, `omega_e = omega - omega² U cos mu
+//! / g`; of up to three solutions the longest wave is assumed to carry the energy.
 
 use std::collections::VecDeque;
 
@@ -384,7 +384,7 @@ mod tests {
         assert!((1.3..1.5).contains(&course_change_mps()));
         let before = SEGMENT + 3 * HOP;
         assert_eq!(segments(&[(3.0, before)]), 4.0);
-        // A change of speed below one bin keeps the waves.
+        // A change of speed that shifts waves by less than one bin keeps the spectrum.
         assert_eq!(segments(&[(3.0, before), (4.0, SEGMENT)]), 8.0);
         // The segment with the change is rejected, and only the first one after it remains.
         assert_eq!(segments(&[(5.0, before), (2.0, SEGMENT - HOP)]), 4.0);

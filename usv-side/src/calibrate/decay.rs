@@ -13,7 +13,7 @@
 use alight_shared::estimation::{ValueWithSd, median};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
-/// Minimum ratio of a push to the standard deviation at rest; noise alone reaches four within minutes.
+/// Minimum ratio of a push to the standard deviation at rest; noise alone reaches a ratio of four within minutes.
 const STANDS_OUT: f64 = 6.0;
 /// Ratio at which a push has ended.
 const OVER: f64 = 3.0;
@@ -38,7 +38,6 @@ pub enum DecayOrder {
 
 #[derive(Clone, Debug, Default)]
 pub struct DecaySignal {
-    /// Times in ascending order, s.
     pub t_s: Vec<f64>,
     pub y: Vec<f64>,
 }
@@ -298,7 +297,7 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)
         })
     };
-    // Drop impulses that somebody held, and impulses in another degree of freedom.
+    // Drop impulses during which the boat was held, and impulses in another degree of freedom.
     let good: Vec<&DecaySamples> = all
         .iter()
         .filter(|push| explained(p, push) >= EXPLAINED)

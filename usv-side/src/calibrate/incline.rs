@@ -5,10 +5,10 @@
 //! G_roll = m g y / (heel to starboard)     G_pitch = m g x / (trim by the bow)     M = G / (G/M)
 //! ```
 //!
-//! Two recordings on calm water are compared, without and with the weight, so bias and mounting of the sensor cancel.
-//! The weight is modelled as a force, although a weight at height h above the vessel's centre reduces G by m g h, and a
-//! hull pressed deeper is stiffer if its sides flare. In simulation, 60 kg on a boat of 211 kg overestimate by 2 to 10
-//! % in roll and 1 to 5 % in pitch. A lighter weight causes less error and less tilt.
+//! Two recordings on calm water are compared, without and with the weight, so bias and mounting of the sensor cancel. The
+//! weight is modelled as a force, although a weight at height h above the vessel's centre reduces G by m g h, and a hull
+//! pressed deeper is stiffer if its sides flare. In simulation, 60 kg on a boat of 211 kg overestimate G by 2 to 10 % in
+//! roll and 1 to 5 % in pitch. A lighter weight causes less error and less tilt.
 
 use alight_shared::estimation::{ValueWithSd, median};
 use alight_shared::geometry::GRAVITY;

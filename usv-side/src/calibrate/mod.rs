@@ -1,9 +1,9 @@
 //! Offline identification of the vessel's parameters from a recording of its sensors.
 //!
-//! Damping and stiffness come from free decay ([`decay`]): on calm water somebody presses down one side, the bow or the
-//! whole vessel, tows it or turns it, and then releases it, with rests in between. Free motion determines `D/M` and
-//! `G/M` but not M, which needs a known force: in roll and pitch a known weight ([`incline`]). The model needs only the
-//! two ratios, so in the other degrees of freedom M stays as configured, and D and G follow.
+//! Damping and stiffness come from free decay ([`decay`]): on calm water the crew press down one side, the bow or the whole
+//! vessel, tow it or turn it, and then release it, with rests in between. Free motion determines `D/M` and `G/M` but not M,
+//! which needs a known force: in roll and pitch a known weight ([`incline`]). The model needs only the two ratios, so in
+//! the other degrees of freedom M stays as configured, and D and G follow.
 //!
 //! The position of the GNSS antenna comes from any rotation of the vessel, including in waves ([`lever`]). It is
 //! relative to the inertial sensor, whose own position stays as configured because the reference point is arbitrary.
@@ -28,7 +28,7 @@ use lever::{InertialState, Lever};
 pub const DOF_NAMES: [&str; DOFS] = ["surge", "sway", "heave", "roll", "pitch", "yaw"];
 /// Maximum length of a record, samples: an hour and a half at 100 Hz.
 const MAX_SAMPLES: usize = 600_000;
-/// Time constant of the attitude's correction by accelerometer and heading, s: 0.001 rad off in 5 s waves.
+/// Time constant of the attitude's correction by accelerometer and heading, s; the error in 5 s waves is 0.001 rad.
 const LEVELLED_S: f64 = 100.0;
 /// Samples on each side for the slope of the rates, which gives the angular acceleration: 60 ms at 100 Hz.
 const SLOPE: usize = 3;

@@ -1,5 +1,3 @@
-//! Events for the crew.
-
 use core::fmt;
 
 use alight_shared::msg::{
@@ -16,7 +14,6 @@ pub enum VesselEvent {
     DroneState {
         drone: u32,
         state: State,
-        /// Reason for entering the state.
         entered: Reason,
         /// Battery of the drone, 0 to 1; None: not reported.
         battery: Option<f64>,
@@ -64,7 +61,7 @@ impl VesselEvent {
             battery: status.battery,
         }
     }
-    /// Whether somebody must act on it.
+    /// Whether the crew must act on it.
     pub fn is_warning(&self) -> bool {
         match self {
             VesselEvent::DoubleNumber { .. }
@@ -103,7 +100,7 @@ impl fmt::Display for VesselEvent {
             VesselEvent::DeckOrder(DeckOrder::TakeOffStanding(drone)) => {
                 write!(
                     f,
-                    "crew order: deck cleared for take-offs of drone {drone} until somebody comes to it"
+                    "crew order: deck cleared for take-offs of drone {drone} until someone approaches it"
                 )
             }
             VesselEvent::DeckOrder(DeckOrder::Closed) => write!(f, "crew order: deck closed"),

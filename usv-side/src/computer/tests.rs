@@ -1,5 +1,3 @@
-//! Tests of the vessel's computer.
-
 use super::*;
 use crate::fixtures::rtcm_frame;
 use alight_shared::msg::{CommandKind, DeckOrder, Header, Reason, ReasonCode, State, TimeRequest};

@@ -1,12 +1,12 @@
 //! Deck arbiter: permits one drone at a time to descend.
 //!
-//! Every drone reports its mission state ([`DroneStatus`], 2 Hz), and the arbiter publishes the deck owner
-//! ([`DeckGrant`], 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there
-//! is evidence that it has left: for several seconds it reports itself armed, in the air and at a distance, or the crew
-//! reports so ([`claim`]). A single status is not enough, and silence is no evidence: a drone that owns the deck may
-//! have landed and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore
-//! silence never transfers the deck to another drone without the crew. While another drone waits with a low battery,
-//! the arbiter raises an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
+//! Every drone reports its mission state ([`DroneStatus`], 2 Hz), and the arbiter publishes the deck owner ([`DeckGrant`],
+//! 2 Hz and at each change). A drone requests the deck by approaching it. It owns the deck until there is evidence that it
+//! has left: for several seconds it reports itself armed, in the air and at a distance, or the crew reports that it has
+//! left ([`claim`]). A single status is not enough, and silence is not evidence: a drone that owns the deck may have landed
+//! and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore silence never
+//! transfers the deck to another drone without the crew. While another drone waits with a low battery, the arbiter raises
+//! an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
 //!
 //! A drone switched on without a position may stand on the deck. Until it reports its position, no other
 //! drone receives the deck, but the present owner keeps it.
@@ -22,9 +22,9 @@
 //! process. Configured digital inputs also close the deck ([`DeckInputs`]): the crew's switch, and a sensor for objects
 //! on the deck other than drones. They never end an ownership, and an input that cannot be read closes the deck.
 //!
-//! A drone on the deck takes off only with a clearance of the crew: for one take-off within a limited time
-//! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]), but in both
-//! cases only until somebody approaches the deck. A clearance ends with this process.
+//! A drone on the deck takes off only when cleared by the crew: for one take-off within a limited time
+//! ([`DeckOrder::TakeOff`]), or for each of its take-offs ([`DeckOrder::TakeOffStanding`], [`clearance`]),
+//! but in both cases only until someone approaches the deck. A clearance ends with this process.
 //!
 //! The grant also contains the helm's intended course ([`Course`]); requests for a steady one are reported.
 
@@ -421,8 +421,8 @@ impl DeckArbiter {
             owner => owner.unwrap_or(0),
         }
     }
-    /// Heights of the stations at the waiting places, m; 0: no station, or another has its height. A silent
-    /// drone keeps its station for the ordered time.
+    /// Heights of the stations at the waiting places, m; 0: no station, or another station has the same
+    /// height. A silent drone keeps its station for the ordered time.
     fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
         let keeps = |d: &Drone| {
             let (station, since) = d.station?;

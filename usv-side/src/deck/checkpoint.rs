@@ -14,7 +14,6 @@ pub enum Claim {
     Above,
     /// On its way, waiting, or steady above the deck.
     Requesting,
-    /// In descent or flare.
     Landing,
     OnDeck,
 }
@@ -54,6 +53,6 @@ pub struct GivenCommand {
     pub operator: Sender,
     /// Command with boot and sequence of the operator's message; its repetitions are rejected.
     pub command: OperatorCommand<VesselClock>,
-    /// The command is still repeated: not acknowledged, replaced, given up, or cancelled by an abort.
+    /// The command is still repeated: it is not yet acknowledged, replaced, given up, or cancelled by an abort.
     pub open: bool,
 }

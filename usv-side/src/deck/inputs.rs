@@ -1,5 +1,3 @@
-//! Levels of the deck's digital inputs.
-
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 

@@ -29,7 +29,7 @@ const COMPASS: usize = HEAD + 1;
 const LASTING_S: f64 = 2.5;
 /// Compass bias that raises no doubt about the heading, in its standard deviations.
 const USUAL_BIAS: f64 = 5.0;
-/// Standard deviation of course minus heading, rad, by leeway and current, above the speed below (m/s).
+/// Standard deviation of course minus heading caused by leeway and current, rad, and the speed above which it applies, m/s.
 const LEEWAY_SD: f64 = 0.1;
 const COURSE_MPS: f64 = 1.5;
 /// Standard deviation of an unmeasured height, m: above the distance between sea and ellipsoid.
@@ -129,7 +129,7 @@ impl VesselFilter {
         rejected
     }
 
-    /// Velocity of a fix (NED, m/s), corrected for the receiver's lag, in which the course has turned.
+    /// Velocity of a fix (NED, m/s), corrected for the turn of the course during the receiver's lag.
     fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
         let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
         let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
@@ -215,8 +215,8 @@ impl VesselFilter {
         let r = fix.velocity_sd[axis].powi(2);
         let source = &self.rows[NU][axis];
         if axis == HEAVE && source.rejections >= MAX_REJECTED_VELOCITIES {
-            // Or the accelerometer was off by this since the last fused velocity (downwards without tilt
-            // error).
+            // Or the accelerometer has been off by this much since the last fused velocity (downwards, where
+            // tilt errors have no effect).
             let since = source.fused_at.unwrap_or(self.started);
             let bias = innovation / (fix.header.at - since).secs().max(STEP_S);
             self.belief.inflate(HEAVE, HEAD, bias * bias);

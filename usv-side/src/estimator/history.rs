@@ -13,7 +13,6 @@ use super::{Tilt, VesselFilter};
 /// Number of steps kept; for older fixes the model rolls the state back.
 const STEPS: usize = 32;
 
-/// Position, velocity and tilt at a time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PastState {
     at: Time<VesselClock>,

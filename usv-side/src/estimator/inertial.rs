@@ -228,7 +228,7 @@ impl VesselFilter {
             let turning = Vector3::new(acceleration[ROLL], acceleration[PITCH], acceleration[YAW]);
             let lever = turning.cross(&lever_arm) + spin.cross(&spin.cross(&lever_arm));
             let z = f[axis] - lever[axis] - acceleration[axis] + if axis == 2 { GRAVITY } else { 0.0 };
-            // In fast motion, the error of the sampling time also counts.
+            // In fast motion, the error of the sampling time also contributes.
             let fast = self.adaptive_noise.spread(config, axis);
             let r = white + (FAST_FRACTION * fast).powi(2);
             let mut row = core::mem::take(&mut self.row);

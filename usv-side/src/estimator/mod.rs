@@ -44,7 +44,6 @@ const TURN_RAD: f64 = 0.1;
 /// vessel's NED plane moves with it.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
-/// Numbers of rejected measurements since start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OutlierCounts {
     pub imu: u64,
@@ -138,7 +137,7 @@ impl SlowMotion {
     pub(crate) fn velocity(&self, mean_heading: f64) -> Vector2<f64> {
         Rotation2::new(mean_heading) * self.velocity
     }
-    /// Corrects a heading error of `by` (rad). The velocity in NED stays.
+    /// Corrects a heading error of `by` (rad); the velocity in NED is unchanged.
     fn turn(&mut self, by: f64) {
         self.heading = wrap_angle(self.heading + by);
         self.velocity = Rotation2::new(-by) * self.velocity;
@@ -151,7 +150,9 @@ impl SlowMotion {
 
 /// Number of rejected values (of six) at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// Consecutive rejected fixes (2 s) before a lost one that restart the filter: not the receiver is wrong.
+/// Consecutive rejected fixes (2 s) before a lost one after which the filter restarts, because not the
+/// receiver but the filter is wrong.
+/// taken to be wrong and restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
@@ -260,7 +261,6 @@ impl Estimator {
         (true, rejected)
     }
 
-    /// Innovation statistics since start.
     pub fn consistency(&self) -> Consistency {
         let running = self.filter.as_ref().map(|f| f.consistency);
         self.consistency.and(&running.unwrap_or_default())

@@ -15,9 +15,9 @@ use super::{GNSS_BIAS, Tilt, VesselFilter};
 use crate::VesselNodeConfig;
 use crate::advice::Underway;
 
-/// Standard deviation of the unknown part of a receiver's latency, s. Our choice: positions at 10 Hz arrive 20 to 100 ms
-/// late by the receivers' data sheets, and the minimum delay cannot be observed. It is an error of all fixes alike, so
-/// it does not average out.
+/// Standard deviation of the unknown part of a receiver's latency, s. Our choice: positions at 10 Hz arrive
+/// 20 to 100 ms late according to the receivers' data sheets, and the minimum delay cannot be observed. The
+/// error is common to all fixes, so it does not average out.
 const LATENCY_SD_S: f64 = 0.03;
 
 /// Course of the vessel: mean velocity (turning with the mean heading), modes, and the residual of both.
@@ -217,7 +217,7 @@ impl VesselFilter {
         let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
         let v = velocity - self.slow.velocity(self.mean_heading);
         let acceleration = self.accelerations();
-        // Without turns of the course and accelerations by the engine.
+        // Excludes turns of the course and acceleration by the engines.
         let a = self.ned(acceleration[SURGE], acceleration[SWAY])
             - self.mean_heading_rate * Vector2::new(-velocity.y, velocity.x)
             - self.gain.acceleration() * (Rotation2::new(self.mean_heading) * Vector2::x());

@@ -26,8 +26,8 @@ const GAP_S: f64 = 3.0;
 /// Memory of the mean squares in pairs (a minute), and number of pairs required for an estimate.
 const MEMORY: f64 = 60.0;
 const FIRST: f64 = 20.0;
-/// Ratio of a pair's smallest square to the mean that makes it a receiver's jump, and number of consecutive
-/// jumps after which they are accepted.
+/// Ratio of a pair's smallest square to the mean above which it counts as a jump of the receiver, and number
+/// of consecutive jumps after which they are accepted.
 const JUMP: f64 = 25.0;
 const JUMPS: u32 = 5;
 /// Minimum gain in log likelihood over zero lag, exceeded by chance once in 10^5 cases.
@@ -41,7 +41,6 @@ struct Travelled {
     at: Time<VesselClock>,
     velocity: Vector2<f64>,
     path: Vector2<f64>,
-    /// Heading of the vessel, rad.
     heading: f64,
 }
 
@@ -91,7 +90,7 @@ impl VelocityLag {
         self.positions.push_back((at, place));
     }
     /// Adds a velocity (north, east, m/s) at the vessel's `heading`, rad. Returns the change of heading since
-    /// the velocity was true, rad; zero if it is not newer than the last.
+    /// the velocity was valid, rad; zero if it is not newer than the last.
     pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
             Some(last) if at <= last.at => return 0.0,
@@ -146,7 +145,7 @@ impl VelocityLag {
         let fraction = (at - a.at).secs() / (b.at - a.at).secs();
         (fraction >= 0.0).then_some((a, b, fraction))
     }
-    /// Change of heading since the newest velocity was true, rad.
+    /// Change of heading since the newest velocity was valid, rad.
     fn turned_since(&self) -> f64 {
         let lag_s = self.lag_s();
         let Some(newest) = self.travelled.back().filter(|_| lag_s > 0.0) else {

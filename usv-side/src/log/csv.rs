@@ -1,5 +1,5 @@
 //! Conversion of tables ([`super::table`]) to measurements: one row per time, one column per quantity. An
-//! empty cell is not measured. A quantity may have rows of its own.
+//! empty cell means that the quantity was not measured. A quantity may have separate rows.
 //!
 //! | column | what |
 //! |---|---|
@@ -15,8 +15,8 @@
 //! | `north_mps`, `east_mps` | its velocity; both or none |
 //! | `down_mps` | its velocity |
 //!
-//! Rates without accelerations are interpolated to the times of attitudes; heaves and rates on rows of their
-//! own are joined with interpolated attitudes and accelerations.
+//! Rates without accelerations are interpolated to the times of attitudes; heaves and rates on separate rows
+//! are joined with interpolated attitudes and accelerations.
 
 use alight_shared::estimation::median;
 use alight_shared::frames::wrap_angle;
@@ -376,7 +376,7 @@ impl Reading {
                 _ => ", interpolated to their times",
             };
             notes.push(format!(
-                "no accelerations: the rates go with {} attitudes{own}",
+                "no accelerations: the rates are joined with {} attitudes{own}",
                 self.rated
             ));
         }

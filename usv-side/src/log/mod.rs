@@ -27,9 +27,9 @@ const FOREIGN: [(&[u8], &str); 4] = [
 const VNINS: &[u8] = b"$VNINS,";
 /// Start of a UBX message.
 const UBX: [u8; 2] = [0xb5, 0x62];
-/// Distance of fixes or headings from the newest attitude before them in the file above which they are of
-/// another clock, s. A decoder outputs up to two seconds of attitudes after the fix that begins them, and an
-/// estimator accepts fixes 0.6 s old.
+/// Time difference between a fix or heading and the newest attitude before it in the file above which the two
+/// have different clocks, s. A decoder outputs up to two seconds of attitudes after the fix that begins them,
+/// and an estimator accepts fixes 0.6 s old.
 const BEHIND_S: f64 = 0.6;
 const BEFORE_S: f64 = 2.5;
 const SPREAD_S: f64 = 1.0;
@@ -238,7 +238,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
             false => e,
         };
         let sentences = sentences::read(bytes, origin, mount).map_err(error);
-        // A port may send both; the format with more measurements counts.
+        // A port may send both; the format with more measurements is used.
         let is_mixed = bytes.windows(2).any(|w| w == UBX);
         let ubx = is_mixed.then(|| buses::read(Format::Ubx, bytes, origin, mount));
         return match (sentences, ubx) {
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn ubx_between_sentences() {
-        // As u-center records a port with both: a TXT sentence, NAV-PVT at 5 Hz, TXT each second.
+        // A port with both, as recorded by u-center: a TXT sentence, NAV-PVT at 5 Hz, TXT each second.
         let mut bytes = sentence("GNTXT,01,01,02,u-blox AG").into_bytes();
         for k in 0..100_u32 {
             let mut p = [0_u8; 92];
@@ -375,7 +375,7 @@ mod tests {
         }
         let r = read(&bytes, "boat.ubx", &Mount::default()).unwrap();
         assert_eq!((r.format, r.measurements.len()), ("UBX", 100));
-        // Positions in the sentences count if there are more of them.
+        // Positions from the sentences are used if there are more of them.
         for k in 0..200 {
             let body = format!(
                 "PASHR,1200{:02}.{}0,90.0,T,1.5,-2.0,0.25,0.1,0.1,0.2,2,1",

@@ -1,6 +1,6 @@
 //! Alight's table (CSV): a header line of known columns, then one row per line with comma-separated cells.
 //!
-//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have rows of its own.
+//! An empty cell, or NaN, means that the quantity was not measured. A quantity may have separate rows.
 //! Columns: `deploy/docs/sensors.md`; tables of other programs: `deploy/docs/recordings.md`.
 
 use csv::{Position, ReaderBuilder, StringRecord, Trim};
@@ -147,17 +147,9 @@ impl Bad {
 pub enum TableError {
     /// Required columns are missing.
     #[error("line {line}: {message}")]
-    Header {
-        /// Line of the header, counted from 1.
-        line: u64,
-        message: String,
-    },
+    Header { line: u64, message: String },
     #[error("line {line}: {message}")]
-    Row {
-        /// Line of the row, counted from 1.
-        line: u64,
-        message: String,
-    },
+    Row { line: u64, message: String },
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -254,7 +246,7 @@ fn number(name: &str, text: &str, limit: f64) -> Result<f64, String> {
     // NaN fails.
     match value.abs() <= limit {
         true => Ok(value),
-        false => Err(format!("{name} is {text}, allowed is -{limit} to {limit}")),
+        false => Err(format!("{name} is {text}; allowed: -{limit} to {limit}")),
     }
 }
 
@@ -398,7 +390,7 @@ impl CsvTable {
         }
     }
 
-    /// Requires the columns of each group together. A row with a partial group is bad if another row has all.
+    /// Requires the columns of each group together. A row with only part of a group is bad, unless all rows are partial.
     pub fn require_together(&mut self, groups: &[&[Quantity]]) -> Result<(), TableError> {
         for group in groups {
             let there = group.iter().find(|q| self.has(**q));
@@ -424,7 +416,7 @@ impl CsvTable {
                     bad.push(
                         row.line,
                         format!(
-                            "{name} is empty, not a number, but related columns have values; allowed is -{limit} to \
+                            "{name} is empty, not a number, but related columns have values; allowed: -{limit} to \
                              {limit}"
                         ),
                     );

@@ -49,7 +49,7 @@ fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     while let Some(b) = bytes.next() {
         match (b, cell.take()) {
             (b'"', None) => cell = Some(Vec::new()),
-            // A doubled quote is one quote.
+            // A doubled quote stands for one quote.
             (b'"', Some(mut open)) if bytes.next_if_eq(&b'"').is_some() => {
                 open.push(b'"');
                 cell = Some(open);

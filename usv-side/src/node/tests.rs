@@ -411,7 +411,7 @@ fn circling(k: i64) -> Readings {
     input
 }
 
-/// In a turn the mean trim and velocity are not the present ones. The prediction still starts at the
+/// In a turn the mean trim and velocity differ from the present ones. The prediction still starts at the
 /// estimate, and its interval covers the later position.
 #[test]
 fn prediction_that_begins_at_the_estimate() {

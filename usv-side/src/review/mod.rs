@@ -25,9 +25,9 @@ pub use predictions::{HORIZONS_S, PredictionReview};
 const TICK: Span = Span::from_millis(10);
 /// Silence of all sources that is skipped, s.
 const JUMP_S: f64 = 5.0;
-/// Number of measurements after a lead of which one must return to the former time if it is an outlier.
+/// Number of measurements after a jump ahead in time within which one must return to the former time for an outlier.
 const LOOK_AHEAD: usize = 20;
-/// Start of the evaluation, s, by which the sea is identified; after a third of a shorter recording.
+/// Start of the evaluation, s, when the sea has been identified; in a shorter recording, a third of its length.
 const WARM_UP_S: f64 = 60.0;
 /// Minimum length of a gap in usual steps, and in s.
 const GAP_STEPS: f64 = 5.0;
@@ -41,7 +41,6 @@ const UNKNOWN_HEADING_SD: f64 = 0.2;
 pub struct SourceReview {
     /// Kind of measurement from [`KINDS`].
     pub kind: &'static str,
-    /// Number of the source within its kind.
     pub source: usize,
     pub samples: u64,
     /// Usual rate (median step), Hz.
@@ -80,7 +79,6 @@ pub struct ModeReview {
 pub struct FitReview {
     pub channel: InnovationChannel,
     pub fused: u64,
-    /// Scalars rejected by the gate.
     pub rejected: u64,
     /// Mean normalised innovation squared; 1 for a consistent filter.
     pub nis_mean: f64,

@@ -82,7 +82,7 @@ pub struct Past<'a> {
 }
 
 impl Past<'_> {
-    /// Motion at `t`: cubic between estimates, by the rates after the last; None before the first.
+    /// Motion at `t`: cubic interpolation between estimates, linear extrapolation beyond the last; None before the first.
     pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
         let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
@@ -113,7 +113,8 @@ pub struct Ridge {
 }
 
 impl Ridge {
-    /// Fits for these horizons (s) to two minutes of estimates before `t` since `valid_from`; None: too few.
+    /// Fits for these horizons (s) to the estimates of two minutes before `t`, but since `valid_from`; None
+    /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
         t: Time<VesselClock>,
@@ -200,7 +201,7 @@ pub struct RefittedRidge {
 }
 
 impl RefittedRidge {
-    /// Regression for these horizons (s), for a node that publishes since `began`.
+    /// Regression for these horizons (s), for a node that has published since `began`.
     pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
@@ -230,7 +231,6 @@ mod tests {
 
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-    /// Two linear motions with their rates.
     fn motion(t: Time<VesselClock>) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;

@@ -1,4 +1,4 @@
-//! Ages of measurements at arrival, for reports: the estimator rejects old ones without a reason.
+//! Ages of measurements at arrival, for reports: the estimator rejects old ones without stating a reason.
 
 use super::Remark;
 
@@ -20,7 +20,6 @@ pub(super) struct AgeCounts {
 }
 
 impl AgeCounts {
-    /// `max_s`: maximum accepted age, s.
     pub(super) fn new(kind: &'static str, max_s: f64) -> Self {
         AgeCounts {
             kind,
@@ -31,7 +30,6 @@ impl AgeCounts {
             lately: 0,
         }
     }
-    /// Adds the age of a measurement, s.
     pub(super) fn take(&mut self, age_s: f64) {
         let is_late = age_s > self.max_s;
         self.count += 1;

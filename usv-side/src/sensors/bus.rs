@@ -149,7 +149,7 @@ impl SensorBus {
             ..SensorBus::default()
         }
     }
-    /// Names a device as it sends, and as it claimed (or empty). The caller limits the number of devices.
+    /// Sets the name under which a device sends, and the name that it claimed, or empty. The caller limits their number.
     pub(super) fn name(&mut self, device: u32, names: [&str; 2]) {
         self.devices.names.insert(device, names);
     }
@@ -168,7 +168,7 @@ impl SensorBus {
         }
         let given = self.measurement(device, at_ns, content)?;
         let is_chosen = self.devices.is_chosen(k, device);
-        // Unless selected, a velocity belongs to its receiver's positions.
+        // Unless its device is selected, a velocity comes from the receiver of the positions.
         if k != VELOCITIES || is_chosen {
             self.devices.gave(k, device, at_ns, false);
         }
@@ -313,7 +313,7 @@ impl SensorBus {
             ..self.mounting.tilt([roll, pitch])
         })
     }
-    /// Fix with the matching velocity and quality, and with a height that is not used yet.
+    /// Fix with the matching velocity and quality, and with a height that has not been used yet.
     fn position(
         &mut self,
         at_ns: i64,
@@ -350,10 +350,9 @@ impl SensorBus {
         );
         Ok(Measurement::Gnss(GnssFix { height_spread, ..fix }))
     }
-    /// Height above the ellipsoid from a receiver's altitude, and its spread, m. Some receivers send it above
-    /// the sea. An antenna is between the water and the top of a mast, so usually one interpretation is
-    /// possible; otherwise their difference is the spread. The height of the sea is as stated, unless that
-    /// cannot be the geoid (0: none).
+    /// Height above the ellipsoid from a receiver's altitude, and its spread, m. Some receivers send it above the sea. An
+    /// antenna is between the water and the top of a mast, so usually only one interpretation is possible; otherwise their
+    /// difference is the spread. The stated height of the sea is used unless it cannot be the geoid (0: none).
     fn height(&mut self, place: &Datum, altitude: f64, stated: Option<f64>) -> (f64, f64) {
         let geoid = self.geoid.at(place);
         let stated = stated.filter(|s| *s != 0.0 && (s - geoid.height_m).abs() <= DOUBTFUL_M);
@@ -377,7 +376,7 @@ impl SensorBus {
         if self.cautions > 0 {
             all.push(Remark::fault(
                 format!(
-                    "{} of {} whole fixes are marked with caution by their receiver, and count {CAUTION} times less accurate",
+                    "{} of {} whole fixes are marked with caution by their receiver: taken as {CAUTION} times less accurate",
                     self.cautions, self.fixes
                 ),
                 "check the antenna's view of the sky, and look for interference",

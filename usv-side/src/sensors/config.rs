@@ -49,7 +49,6 @@ config! {
 }
 
 impl BusDevices {
-    /// Each key with its device.
     fn each(&self) -> [(&'static str, &str); 7] {
         [
             ("heading", &self.heading),
@@ -293,7 +292,6 @@ impl Mounting {
             turn: Rotation3::from_euler_angles(roll, pitch, yaw),
         }
     }
-    /// Rotates a vector from the sensor's axes to the vessel's.
     pub fn vector(&self, v: [f64; 3]) -> [f64; 3] {
         (self.turn * Vector3::from(v)).into()
     }

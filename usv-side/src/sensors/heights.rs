@@ -8,7 +8,7 @@ use super::Remark;
 /// Difference from the geoid model that makes a separation invalid, m; the coarsest tables err by 22.5 m.
 pub(super) const DOUBTFUL_M: f64 = 25.0;
 
-/// Height of an antenna above mean sea level, m: low water (and geoid error) to a mast at high water.
+/// Range of an antenna's height above mean sea level, m: from low water (with geoid error) to a masthead at high water.
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
 /// Sea minus ellipsoid above which a stated separation of exactly zero is a default value, m.
 const ZERO_M: f64 = 2.0;
@@ -23,7 +23,6 @@ pub(super) struct EllipsoidHeights {
     /// Number of fixes whose receiver stated its separation, and number of fixes that used the model.
     stated: u64,
     modelled: u64,
-    /// Number of fixes without a height.
     flat: u64,
     /// Newest model value used.
     model: Undulation,
@@ -38,10 +37,9 @@ pub(super) struct EllipsoidHeights {
 }
 
 impl EllipsoidHeights {
-    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is
-    /// used, on which its height is based; if that cannot be a geoid, the spread is the difference from the
-    /// model. A separation of exactly zero is ignored if `above_m`, sent with it, is plausible above the sea,
-    /// and otherwise undecided.
+    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is used, because its
+    /// height is based on it; if it cannot be a geoid height, the spread is the difference from the model. A separation of
+    /// exactly zero is ignored if `above_m`, sent with it, is plausible above the sea, and otherwise undecided.
     pub(super) fn separation(&mut self, place: &Datum, above_m: f64, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
         let is_zero = stated == Some(0.0) && model.height_m.abs() > ZERO_M;

@@ -17,13 +17,13 @@ use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.
 const MILLI_G: f64 = 9.806_65e-3;
-/// Minimum time between two used headings of an autopilot's filter, ns; those in between repeat information.
+/// Minimum time between two headings used from an autopilot's filter, ns; headings in between add no information.
 const HEADING_STEP_NS: i64 = 200_000_000;
-/// Fraction of a receiver's error that changes within a minute (ours), and error of a receiver that states
-/// none, horizontal and vertical, m.
+/// Fraction of a receiver's error that changes within a minute (ours), and error assumed for a receiver that
+/// states none, horizontal and vertical, m.
 const FAST_FRACTION: f64 = 0.3;
 const POSITION_SD: [f64; 2] = [2.0, 4.0];
-/// Velocity standard deviation of a receiver that states none, m/s.
+/// Velocity standard deviation assumed for a receiver that states none, m/s.
 const VELOCITY_SD: f64 = 0.3;
 
 /// Requested messages, each with its interval, us.
@@ -38,7 +38,7 @@ const WANTED: [(u32, f32); 6] = [
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
 const ATTITUDE_GOOD: u16 = 1;
-/// Attitudes rejected after a report without that flag (10 s at 25 Hz), until a report with it.
+/// Number of attitudes rejected after a report without that flag (10 s at 25 Hz), unless a report with it arrives.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
 const FAILED: u8 = u8::MAX;
@@ -152,7 +152,6 @@ impl MavlinkDecoder {
         self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
         Some(())
     }
-    /// Whether the next attitude must be rejected.
     fn is_unfit(&mut self) -> bool {
         let is_unfit = self.unfit > 0;
         self.unfit = self.unfit.saturating_sub(1);

@@ -90,7 +90,6 @@ impl Readings {
     }
 }
 
-/// A measurement of any kind.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Measurement {
     Imu(ImuSample),
@@ -125,7 +124,6 @@ impl Measurement {
     pub fn header(&self) -> &Header<VesselClock> {
         of_any_kind!(self, m => &m.header)
     }
-    /// Time of validity.
     pub fn at(&self) -> Time<VesselClock> {
         self.header().at
     }
@@ -185,7 +183,7 @@ pub trait SensorDecoder {
     fn timeless(&mut self) -> Vec<Measurement> {
         Vec::new()
     }
-    /// Whether kinds of measurements come from devices with clocks of their own.
+    /// Whether kinds of measurements come from devices with separate clocks.
     fn has_clocks_by_kind(&self) -> bool {
         false
     }

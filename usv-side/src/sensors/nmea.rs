@@ -1,12 +1,11 @@
 //! NMEA 0183: decodes GGA, GNS, RMC, GLL, VTG, HDT, THS, HDG, HDM, ROT, XDR, HPR, PASHR, PRDID, PSXN, PTNL,AVR, PTNTHPR
 //! and ZDA, and the NMEA 2000 carried by PCDIN, MXPGN and PDGY ([`carried`]).
 //!
-//! A sentence with a time opens an epoch. Sentences without one belong to that epoch or the next, depending
-//! on the pauses between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second one is
-//! counted and dropped. If several sentences of a kind arrive per time, or no times at all, the arrival is
-//! the time. In a recording, without arrivals, attitudes are spread evenly up to the next time. Position and
-//! velocity of an epoch form one fix, heading and rate of turn one heading. A rarer part is awaited only in
-//! the epochs that should have it ([`partner`]).
+//! A sentence with a time opens an epoch. Sentences without one belong to that epoch or the next, depending on the pauses
+//! between arrivals ([`attribution`]). An epoch has one sentence of each kind; a second one is counted and dropped. If
+//! several sentences of a kind arrive per time stamp, or there are no time stamps, the arrival is the time. In a recording,
+//! without arrivals, attitudes are spread evenly up to the next time. Position and velocity of an epoch form one fix,
+//! heading and rate of turn one heading. A rarer part is awaited only in the epochs that should have it ([`partner`]).
 
 pub(super) mod account;
 mod attribution;
@@ -39,7 +38,7 @@ use partner::Partner;
 const MAX_LINE: usize = 512;
 /// Number of magnetic headings ignored after a true heading: 2 s at 25 Hz.
 const MAX_SPARE: u8 = 50;
-/// Sentences without a checksum that show a stream without them (before version 2 of the standard).
+/// Number of sentences without a checksum after which a stream is taken to have none (before version 2 of the standard).
 const UNCHECKED_STREAM: u32 = 10;
 /// Maximum time over which attitudes of a recording are spread, ns.
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
@@ -324,7 +323,7 @@ impl NmeaDecoder {
         self.account.leave_out(address, why);
     }
 
-    /// Epoch at a sentence's time. None, and counted, if the time is invalid.
+    /// Epoch at a sentence's time; an invalid time is counted and gives None.
     fn open(
         &mut self,
         address: &str,

@@ -66,7 +66,7 @@ struct Source {
     latency: Span,
     /// Clocks for times since the source's start, and since 1970, shared by all kinds or separate.
     clocks: [[SourceClock<VesselClock>; 2]; KINDS.len()],
-    /// Newest times passed on by clock (the source's, ours for arrivals), kind, and part of the stream.
+    /// Newest forwarded times by clock (the source's, or ours for arrivals), kind, and part of the stream.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and headings, which the estimator limits.
     ages: [AgeCounts; 2],
@@ -153,7 +153,7 @@ impl Source {
         let s = &self.status;
         if s.restarts > 0 {
             all.push(Remark::fine(format!(
-                "its clock changed {} times, at last by {:+.2} s: dated again",
+                "its clock changed {} times, most recently by {:+.2} s: measurements are re-dated",
                 s.restarts, s.step_s
             )));
         }
@@ -172,7 +172,7 @@ impl Source {
         all
     }
 
-    /// Measurement of part `number` without implausible channels; None without any left.
+    /// Measurement of part `number` without implausible channels; None if no channel is left.
     fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
         let within = usize::from(m.source());
         let still = boat.take((number * self.plausible.len() + within) as u8, &m);
@@ -181,7 +181,7 @@ impl Source {
             None => Some(m),
         }
     }
-    /// Measurement on the vessel's clock; None, and counted, if it is not passed on.
+    /// Measurement on the vessel's clock; None if it is not passed on, which is counted.
     fn date(&mut self, now: Time<VesselClock>, decoded: &SourceMeasurement) -> Option<Measurement> {
         let Some(at) = self.source_time(now, decoded) else {
             self.status.implausible_time += 1;

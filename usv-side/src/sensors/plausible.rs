@@ -1,8 +1,8 @@
-//! Plausibility of each channel of a measurement. An impossible one is removed and reported, others are used.
+//! Plausibility of each channel of a measurement. An impossible channel is removed and reported; the others are used.
 //!
-//! A single value can violate a physical bound. Over a minute, so that noise has no effect, a channel is
-//! compared with another one of its sensor or its own mean. It is used again after a passed window.
-//! Measurements of a working sensor stay unchanged, bit for bit.
+//! A single value can violate a physical bound. A channel is also compared over a minute, which averages
+//! noise out, with another channel of its sensor or with its own mean. It is used again once it has passed a
+//! window. Measurements of a working sensor remain unchanged, bit for bit.
 
 mod agreement;
 mod antenna;
@@ -42,8 +42,8 @@ const HEIGHT_JUMP_SDS: f64 = 6.0;
 /// Maximum climb rate of an antenna on a mast in waves, m/s.
 const MAX_CLIMB_MPS: f64 = 20.0;
 
-/// Averaging time of the specific force, s, and angle of its mean from down that means another axis: 60 deg,
-/// because a boat heeled by 30 deg may also roll by 30 deg.
+/// Averaging time of the specific force, s, and angle of its mean from the vertical above which another axis
+/// points down: 60 deg, because a boat heeled by 30 deg may also roll by 30 deg.
 const GRAVITY_S: f64 = 10.0;
 const MAX_MEAN_TILT_RAD: f64 = 1.05;
 /// [`Measurement::kind`] of headings and attitudes.
@@ -383,7 +383,7 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
         Doubt::Beyond(x) => format!("is beyond what is possible ({:.1} {})", t.factor * x, t.unit),
         Doubt::Jump(x) => format!("jumps by {}", size(x)),
         Doubt::Drift(x) => format!("drifts by {} a minute", size(x)),
-        Doubt::Mean(x) => format!("has a mean of {}, in waves it has none", size(x)),
+        Doubt::Mean(x) => format!("has a mean of {}, but must average zero in waves", size(x)),
         Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
         Doubt::Standstill(s, at) => format!(
             "stands still for {:.0} s at {:.1} {} while the {} moves",

@@ -13,7 +13,6 @@ use crate::rtcm_relay::BYTES_PER_S;
 
 /// Maximum number of frames per step: the size of their topic's buffer.
 const MAX_STEP_FRAMES: usize = topics::VESSEL_RTCM.buffer;
-/// Maximum number of message numbers counted.
 const MAX_NUMBERS: usize = 16;
 /// Number of arrivals that give the rate of a message number.
 const MAX_ARRIVALS: usize = 16;
@@ -47,13 +46,12 @@ impl Arrivals {
     }
 }
 
-/// Maximum number of stations distinguished.
 const MAX_STATIONS: usize = 4;
-/// Maximum distance of a base on board from the vessel's fix, m, and maximum way with a constant base, m.
+/// Maximum distance of a base on board from the vessel's fix, m, and maximum distance travelled with a constant base, m.
 const ABOARD_M: f64 = 100.0;
 const MOVED_M: f64 = 15.0;
 
-/// Base position from message 1005 or 1006, start of its constancy, and the vessel's position then.
+/// Base position from message 1005 or 1006, the time since which it is constant, and the vessel's position then.
 #[derive(Clone, Copy, Debug)]
 struct Base {
     place: Datum,
@@ -160,7 +158,7 @@ impl RtcmTraffic {
             let moved_m = base.own.map_or(0.0, |then| then.distance_m(&own));
             let text = if apart_m > ABOARD_M {
                 format!(
-                    "RTCM's base (station {number}) is {:.1} km away: corrections of a caster",
+                    "RTCM's base (station {number}) is {:.1} km away: corrections from a caster",
                     1e-3 * apart_m
                 )
             } else if moved_m > MOVED_M {
@@ -192,7 +190,7 @@ impl RtcmTraffic {
         let standing = rate(&|n| matches!(n.message, 1005 | 1006));
         if standing.is_some() && rate(&|n| n.is_base() && n.message == rtcm::UBLOX).is_some() {
             all.push(Remark::fault(
-                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover stays with a base that stands".into(),
+                "RTCM has 1005 or 1006 next to 4072.0: a u-blox rover then assumes a stationary base".into(),
                 "switch 1005 and 1006 off at this port of the vessel's receiver",
             ));
         }
@@ -203,9 +201,9 @@ impl RtcmTraffic {
         {
             all.push(Remark::fault(
                 format!(
-                    "RTCM has the base's place at {base_hz:.1} Hz, and observations at {observed_hz:.1} Hz"
+                    "RTCM has the base position at {base_hz:.1} Hz, and observations at {observed_hz:.1} Hz"
                 ),
-                "let the vessel's receiver send its place with each observation",
+                "let the vessel's receiver send its position with each observation",
             ));
         }
         all
@@ -228,7 +226,7 @@ impl RtcmTraffic {
             ),
             (
                 any(&RtcmNumber::is_base),
-                "the base's place (4072.0, 1005 or 1006)",
+                "the base position (4072.0, 1005 or 1006)",
             ),
         ];
         let missing: Vec<&str> = missing
@@ -239,7 +237,7 @@ impl RtcmTraffic {
         let mut all = Vec::new();
         if !missing.is_empty() {
             all.push(Remark::fault(
-                format!("RTCM lacks {}: it is no moving base", missing.join(" and ")),
+                format!("RTCM lacks {}: it is not a moving base", missing.join(" and ")),
                 "switch them on at this port of the vessel's receiver, 1 Hz or more (alight help sensors, Moving base)",
             ));
         }

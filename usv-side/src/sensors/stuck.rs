@@ -2,7 +2,7 @@
 
 use alight_shared::msg::ImuSample;
 
-/// Consecutive samples with the same six numbers that show a stuck sensor.
+/// Consecutive samples with the same six numbers after which a sensor counts as stuck.
 ///
 /// The white noise of a MEMS sensor is `sigma >= LSB / 3` per sample and axis (data sheets: 1 to 5 LSB at 100
 /// Hz and more). Two samples at rest then fall into one step of an axis with `p <= erf(1.5 / sqrt 2)^2 + ...
@@ -57,7 +57,7 @@ mod tests {
         }
     }
 
-    /// Sample at rest with a resolution of `lsb` and a noise of a third of it.
+    /// Sample at rest with a resolution of `lsb` and noise of a third of it.
     fn still(noise: &mut Uniform, lsb: f64) -> ImuSample {
         let mut axis = |mean: f64| ((mean / lsb + noise.normal() / 3.0).round()) * lsb;
         ImuSample {

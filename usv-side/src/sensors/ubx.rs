@@ -181,7 +181,6 @@ impl UbxDecoder {
         }
         self.parts.take(at_ns, part, &self.mounting, out);
     }
-    /// Counts a valid message without a measurement.
     fn leave_out(&mut self, name: &str, why: Why) {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);

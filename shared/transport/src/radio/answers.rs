@@ -19,7 +19,7 @@ use alight_shared::topics::Topic;
 
 /// Maximum number of pending queries; surplus ones get no reply.
 const MAX_WAITING: usize = 16;
-/// Maximum rate of each schema, 1/s: they are long, and programs query them once.
+/// Maximum rate of replies with one schema, 1/s: schemas are long, and programs query them once.
 const MAX_SCHEMAS_PER_S: u32 = 1;
 
 #[derive(Clone, Copy)]

@@ -16,7 +16,7 @@ const DATAGRAM_OPEN_MS: u32 = 1000;
 const STREAM_OPEN_MS: u32 = 8000;
 
 /// Metadata of a QUIC endpoint: if both sides support it, a stream for reliable messages (handshake,
-/// declarations) and datagrams for publications, of which only the newest counts.
+/// declarations) and datagrams for publications, only the newest of which matters.
 const QUIC_METADATA: &str = "?mixed_rel=auto";
 
 /// Maximum batch of the middleware, bytes; with IPv6 and TCP headers it fits into one packet.
@@ -28,7 +28,7 @@ const MAX_MESSAGE_BYTES: u32 = 16_384;
 const SESSIONS_PER_PEER: usize = 2;
 /// Additional sessions for peers that restart repeatedly.
 const SPARE_SESSIONS: usize = 8;
-/// Capacity of a stream's socket, bytes, with the system's overhead of about as much.
+/// Capacity of a stream's socket, bytes, to which the system adds about as much for overhead.
 const SOCKET_BYTES: u32 = 16_384;
 
 config! {
@@ -39,8 +39,8 @@ config! {
         /// Endpoints to dial, such as `udp/192.168.7.1:7447`; for a drone.
         pub connect: Vec<String> = Vec::new();
         /// Silence after which a datagram link is closed, s.
-        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with 10 s (the default), and
-        /// fresh messages with 2 s.
+        /// Measured: after an outage of 5 s, TCP delivers a backlog of 5.5 s with a lease of 10 s (the default),
+        /// and fresh messages with 2 s.
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// Silence after which a stream or QUIC link is closed, s. Measured at 30 % loss and 100 ms: a stream
         /// is silent for over 2 s every 20 s and recovers within 5 s, while a new session takes 2 to 10 s.
@@ -208,7 +208,8 @@ impl RadioConfig {
         let file = ZenohFile::of(self)?;
         self.session("alight/any", &[], file.as_ref()).map(|_| ())
     }
-    /// Settings of the session: this configuration over `file`; `name` is our key prefix, `own` our keys.
+    /// Settings of the session: those of `file`, overridden by this configuration. `name` is our key prefix,
+    /// `own` our keys.
     pub(super) fn session(
         &self,
         name: &str,
@@ -290,7 +291,7 @@ impl RadioConfig {
     }
 }
 
-/// Maximum length of Zenoh's configuration file, bytes; its complete example has 40 kB.
+/// Maximum length of Zenoh's configuration file, bytes; its complete example takes 40 kB.
 const MAX_FILE_BYTES: u64 = 1 << 18;
 
 /// Settings that Alight does not make and that must not be set, with reasons.

@@ -7,7 +7,7 @@ use zenoh::bytes::ZBytes;
 /// Maximum rate of replies with a held message, 1/s; each drone queries once when it connects.
 const MAX_ANSWERS_PER_S: u32 = 20;
 
-/// Rate limit by the replies in the present second.
+/// Rate limit that counts the replies within the present second.
 #[derive(Debug, Default)]
 pub(super) struct PerSecond {
     second: i64,

@@ -163,7 +163,7 @@ mod tests {
         assert_eq!(taken.len(), 2 + 2 * RING);
     }
 
-    /// Without certificates anybody may publish under any name.
+    /// Without certificates, any program may publish under any name.
     #[test]
     fn messages_under_many_names() {
         let inbox = Inbox::default();

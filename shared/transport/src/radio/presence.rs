@@ -17,7 +17,6 @@ const ALL: &str = "alight/*";
 /// Maximum number of stored tokens: peers of both sides, and operators.
 const MAX_PRESENT: usize = 2 * access::PEERS;
 
-/// Peers with a session now.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Present(Arc<Mutex<BTreeSet<Sender>>>);
 

@@ -1,5 +1,3 @@
-//! Publication on the radio: key, urgency and content.
-
 use std::sync::Arc;
 
 use zenoh::bytes::Encoding;

@@ -205,7 +205,7 @@ mod tests {
         assert_eq!(config::parse::<Scenario>(&written, "test").unwrap(), scenario);
         let late = read(&text.replace("0.5", "61.0")).unwrap_err().to_string();
         assert!(
-            late.contains("`fault.radio-lost.after_s` is 61: allowed is 0 to 60"),
+            late.contains("`fault.radio-lost.after_s` is 61; allowed: 0 to 60"),
             "{late}"
         );
         let former = config::parse::<Scenario>("[radio_outage]\nstate = \"Flare\"\nduration_s = 1", "test");

@@ -13,7 +13,7 @@ const ON_DECK_M: f32 = 5.0;
 const FAR_M: f32 = OWNER_ONLY_M as f32;
 /// Consecutive consistent statuses that end a claim; at 2 Hz two of seven may be lost.
 const MIN_STATUSES: u32 = 5;
-/// Duration of these statuses: longer than a wrong position, or a jump that an estimator reverts.
+/// Duration of these statuses: longer than a wrong position lasts, or a jump that an estimator reverts.
 const MIN_TIME: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
@@ -69,7 +69,7 @@ impl Claim {
         match (status.state, status.landed) {
             (State::Landed, _) if !is_far(status) => Claim::OnDeck,
             (State::Descent | State::Flare | State::TakeOff | State::ClimbOut, _) => Claim::Landing,
-            // Before a take-off the position decides, also for a drone started on the deck.
+            // Before a take-off the position decides, even if the drone was started on the deck.
             (State::Preparing | State::Countdown, _) if near => Claim::OnDeck,
             (State::SpinUp | State::StandDown, _) if !is_far(status) => Claim::OnDeck,
             (State::GetAltitude | State::Approach | State::Search | State::TrackingStable, _) => {

@@ -56,7 +56,6 @@ impl Clearance {
             watch: None,
         }
     }
-    /// Standing clearance for all take-offs during a watch.
     pub(super) fn standing(drone: u32, now: Time<VesselClock>) -> Clearance {
         let watch = now + Span::from_secs(TAKE_OFF_WATCH_S);
         Clearance {
@@ -94,7 +93,7 @@ pub(super) struct StandingCharge {
 }
 
 impl StandingCharge {
-    /// Adds a status of a drone on the deck. Returns also whether its battery was changed.
+    /// Adds a status of a drone on the deck. Also returns whether its battery was changed.
     pub(super) fn with(
         before: Option<StandingCharge>,
         now: Time<VesselClock>,
@@ -196,7 +195,7 @@ impl DeckArbiter {
         };
         self.cleared.end(why, |c| c.drone == status.header.drone);
     }
-    /// Ends the clearance of a drone that a new sensor level shows as lifted, unless by its own rotors.
+    /// Ends the clearance of a drone if a new sensor level shows that it was lifted other than by its own rotors.
     pub(super) fn watch_sensor(&mut self, before: Option<Reading>, occupied: Option<bool>) {
         let fell = before.is_some_and(|r| r.level) && occupied == Some(false);
         let stands = |d: &&Drone| d.claim == Claim::OnDeck && d.state != State::SpinUp;

@@ -1,5 +1,3 @@
-//! State of one drone in the arbiter.
-
 use alight_shared::msg::{DroneStatus, Header, ReasonCode, State, Station};
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
@@ -10,7 +8,7 @@ use crate::deck::checkpoint::{Claim, DroneClaim};
 
 /// Silence of the former boot after which another boot id counts as a restart: three status periods.
 const RESTART_SILENCE: Span = Span::from_millis(1500);
-/// Alternations between two senders with one number that make them two drones; a late packet causes one.
+/// Alternations between two senders with one number after which they count as two drones; a late packet causes only one.
 const MIN_ALTERNATIONS: u32 = 2;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -21,7 +19,7 @@ pub(super) struct Drone {
     pub(super) claim: Claim,
     /// Start of the drone's request for the deck, or of an ownership without a descent.
     pub(super) since: Time<VesselClock>,
-    /// The drone came within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported from beyond since.
+    /// The drone came within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported a larger distance since.
     pub(super) inside: bool,
     pub(super) place: Option<usize>,
     pub(super) rival: Option<Rival>,
@@ -77,8 +75,8 @@ impl Drone {
     pub(super) fn may_stand(&self, now: Time<VesselClock>) -> bool {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
-    /// Whether a look at the deck shows that a silent drone has left: one that stood there is visible or
-    /// gone, but one that was in the air may descend in silence for as long as a landing takes.
+    /// Whether a look at the deck shows that a silent drone has left. A drone that stood there is either
+    /// visible or gone, but one that was in the air may descend in silence for as long as a landing takes.
     pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }

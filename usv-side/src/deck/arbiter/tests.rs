@@ -1,5 +1,3 @@
-//! Tests of the deck arbiter.
-
 use super::*;
 use alight_shared::msg::Station;
 use alight_shared::time::DroneClock;

@@ -1,5 +1,3 @@
-//! Tests of the operator relay.
-
 use super::*;
 use alight_shared::msg::{Reason, ReasonCode, State};
 use proptest::prelude::*;
@@ -325,7 +323,7 @@ fn other_command() -> impl Strategy<Value = (u32, OperatorCommand<VesselClock>)>
 }
 
 proptest! {
-    /// An abort is relayed after any commands of others, even with its own boot and sequence, and restarts.
+    /// An abort is relayed after any commands of others and any restarts, even if a command has its boot and sequence.
     #[test]
     fn abort_after_any_orders_of_others(
         orders in prop::collection::vec(other_command(), 0..400),

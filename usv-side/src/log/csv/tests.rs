@@ -1,5 +1,3 @@
-//! Conversion of many kinds of tables to measurements.
-
 use super::*;
 
 fn table(rows: usize) -> String {

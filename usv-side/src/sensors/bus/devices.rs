@@ -2,8 +2,8 @@
 //!
 //! Rate, standard deviation and range of each device are determined over windows of five seconds. The score
 //! is the information per second with white errors, `rate / sd²`. Another device is used after three
-//! consecutive windows with a clearly higher score; the way back needs the same margin. A difference between
-//! two devices beyond their standard deviations is reported after twelve consecutive windows.
+//! consecutive windows with a clearly higher score; switching back requires the same margin. A difference
+//! between two devices beyond their standard deviations is reported after twelve consecutive windows.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,6 @@ const SILENT_NS: i64 = 2_000_000_000;
 pub(in crate::sensors) const PAIR_NS: i64 = 300_000_000;
 /// Maximum number of devices per group for which evidence is kept.
 const MAX_DEVICES: usize = 16;
-/// Length of a window, ns.
 const WINDOW_NS: i64 = 5_000_000_000;
 /// Ratio of scores (10 Hz to 3 Hz), and number of consecutive windows, that change the device. Chosen.
 const MARGIN: f64 = 3.0;
@@ -86,7 +85,7 @@ struct GroupLimits {
     /// Range above which a device moves, so that constant values of another are not measurements; infinite if
     /// constant values are possible.
     moved: f64,
-    /// Rate above which more is no advantage, Hz; zero: the device never changes.
+    /// Rate above which a higher one is no advantage, Hz; zero: the device never changes.
     useful_hz: f64,
 }
 
@@ -163,7 +162,6 @@ impl DeviceNames {
         };
         self.0.insert(device, names.map(printed));
     }
-    /// Whether the device has this name.
     pub(super) fn is_named(&self, device: u32, name: &str) -> bool {
         match self.0.get(&device) {
             Some(names) => names.iter().any(|n| n == name),
@@ -255,7 +253,7 @@ struct GroupDevice {
     /// Rate (Hz) and standard deviation (SI) of the last window.
     rate_hz: f64,
     sd: f64,
-    /// Consecutive windows with constant values, and consecutive windows better than the device in use.
+    /// Consecutive windows with constant values, and consecutive windows with a better score than the device in use.
     still: u32,
     better: u32,
     /// Device in use that differs, consecutive windows with a difference, and sum of the RMS differences, SI.
@@ -323,7 +321,7 @@ impl DeviceGroup {
             *noted = Some(at_ns);
         }
     }
-    /// Adds a value of a device of group `k` as evidence. `is_free`: it may change the device in use.
+    /// Adds a value of a device of group `k` as evidence. `is_free` permits it to change the device in use.
     pub(super) fn observe(
         &mut self,
         k: usize,

@@ -9,7 +9,7 @@ use crate::sensors::{Mounting, Remark};
 const MISSED_NS: i64 = 5_000_000_000;
 /// Maximum number of stated variations that are kept.
 const MAX_STATED: usize = 16;
-/// Maximum difference of valid variations, rad (2 deg): ten-year-old tables.
+/// Maximum difference between valid variations, rad (2 deg); covers ten-year-old tables.
 const VARIATIONS_APART: f64 = 0.035;
 
 #[derive(Clone, Debug, Default)]
@@ -36,7 +36,6 @@ impl Devices {
         self.is_merged = true;
         self
     }
-    /// Records the arrival of a message.
     pub(in crate::sensors) fn arrive(&mut self, at_ns: i64) {
         let [first_ns, _] = self.times_ns.unwrap_or([at_ns; 2]);
         self.times_ns = Some([first_ns, at_ns]);
@@ -46,7 +45,7 @@ impl Devices {
         let choice = self.choices.get(k).filter(|choice| !choice.is_empty());
         choice.is_some_and(|choice| self.names.is_named(device, choice))
     }
-    /// Device of group `k` at that time. Unless selected, the velocity's is the receiver of the positions.
+    /// Device of group `k` at that time. Unless selected, the device of the velocity is the receiver of the positions.
     fn giving(&self, k: usize, at_ns: i64) -> Option<u32> {
         let own = self.groups.get(k)?.giving(at_ns);
         if k != VELOCITIES {
@@ -82,7 +81,6 @@ impl Devices {
             group.observe(k, of, sample, used, !is_fixed);
         }
     }
-    /// Remarks on all groups.
     pub(in crate::sensors) fn remarks(&self) -> Vec<Remark> {
         let Some([first_ns, now_ns]) = self.times_ns else {
             return Vec::new();
@@ -115,8 +113,8 @@ impl Variations {
             None => self.0.push((device, variation)),
         }
     }
-    /// Variation of the selected device, or of `own`, or of the first. Exactly zero is a compass without a
-    /// table if another device states a variation.
+    /// Variation of the selected device, or of `own`, or of the first. A variation of exactly zero means a
+    /// compass without a table if another device states one.
     pub(in crate::sensors) fn of(&self, own: Option<u32>, devices: &Devices) -> Option<f64> {
         let stated =
             |is: &dyn Fn(u32, f64) -> bool| self.0.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);
@@ -125,7 +123,6 @@ impl Variations {
             .or_else(|| stated(&|_, v| v != 0.0))
             .or_else(|| stated(&|_, _| true))
     }
-    /// Remark on contradicting variations.
     pub(in crate::sensors) fn remarks(&self, devices: &Devices) -> Option<Remark> {
         let used = self.of(None, devices)?;
         let (other, apart) = self.0.iter().find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;

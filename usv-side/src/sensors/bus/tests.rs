@@ -22,8 +22,8 @@ fn devices_of_a_group_that_fall_silent_and_return() {
     assert!(takes(2, 6.1) && takes(3, 8.2) && !takes(2, 8.3) && takes(1, 8.4));
 }
 
-/// Fixes of two receivers at 10 Hz, whole ones each second. `first` sends first, perhaps after a velocity
-/// from `other`. The latitude is the receiver's number.
+/// Fixes of two receivers at 10 Hz, with a whole fix each second. `first` sends first, perhaps after a
+/// velocity from `other`. The latitude is the receiver's number.
 fn fixes_of_two([first, other]: [u32; 2], velocity_before: bool) -> Vec<GnssFix> {
     let mut bus = SensorBus::default();
     let place = |of: u32| [f64::from(of), 14.5];

@@ -179,7 +179,7 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         "{:?}",
         d.remarks()
     );
-    // A bad report that no other follows, and a good one.
+    // A bad report that is not followed by another, and a good one.
     assert_eq!(
         of(&[status(0), tilts(0, 260)].concat()).0,
         260 - usize::from(UNFIT)

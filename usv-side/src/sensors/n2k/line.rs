@@ -27,11 +27,9 @@ pub(super) enum N2kStamp {
     Unix(i64),
     /// Since the first or the previous line.
     Relative(i64),
-    /// Not stated.
     None,
 }
 
-/// Content of a line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct N2kLine {
     pub(super) at: N2kStamp,

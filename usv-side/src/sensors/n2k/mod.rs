@@ -1,6 +1,6 @@
 //! NMEA 2000 as text of a gateway or logger ([`line`]), converted to measurements by [`SensorBus`].
 //!
-//! Without a common clock on the bus, the time of a message is its line's, or its arrival.
+//! The bus has no common clock, so the time of a message is that of its line, or its arrival.
 
 mod line;
 mod pgn;
@@ -138,7 +138,8 @@ impl N2kDecoder {
         self.decoded.left_out += 1;
         self.account.leave_out(name, why);
     }
-    /// Message completed by this frame. Its frames share a sequence number from 0; the first has the length.
+    /// Message completed by this frame. Its frames share a sequence number, with indices from 0; the first
+    /// states the length.
     fn assemble(&mut self, line: N2kLine) -> Option<Vec<u8>> {
         let (head, data) = line.data.split_first()?;
         let (sequence, index) = (head >> 5, head & 0x1f);

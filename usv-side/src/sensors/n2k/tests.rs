@@ -73,7 +73,7 @@ fn n2k_position_velocity_and_height() {
     assert_eq!((fixes.len(), d.decoded().corrupted), (3, 0), "{all:?}");
     let measured = |sd: f64| sd < NOT_MEASURED_SD;
     assert!(!measured(fixes[0].position_sd[2]) && !measured(fixes[0].velocity_sd[0]));
-    // The height goes to the next quick position, the velocity to each.
+    // The height is attached to the next quick position, the velocity to every one.
     assert!(measured(fixes[1].position_sd[2]) && !measured(fixes[2].position_sd[2]));
     assert!((fixes[1].datum.height_m - 48.0).abs() < 1e-3 && fixes[1].height_spread == 0.0);
     assert!((fixes[2].velocity[1] - 3.0).abs() < 1e-3 && measured(fixes[2].velocity_sd[0]));

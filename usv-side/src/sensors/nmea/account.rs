@@ -14,8 +14,8 @@ const MAX_ADDRESSES: usize = 48;
 const MAX_NAMED: usize = 6;
 /// Maximum address length, bytes.
 const MAX_ADDRESS: usize = 20;
-/// Fraction of a kind's sentences above which an irregularity is normal: equal time stamps are not duplicate
-/// datagrams, and headings of a float solution are not a start-up effect.
+/// Fraction of a kind's sentences above which an irregularity is a habit of the source: equal time stamps are
+/// then not duplicate datagrams, and headings of a float solution are not a start-up effect.
 const HABIT: f64 = 0.2;
 
 /// Standard deviation of a position that its receiver marks as unsafe (navigational status U of version 4.1), m (ours).
@@ -121,9 +121,7 @@ pub(in crate::sensors) struct Account {
     stamps: BTreeMap<String, Stamps>,
     /// Number of two-antenna headings with a float solution, and of all valid ones.
     antennas: [u64; 2],
-    /// Number of positions marked as unsafe by their receiver.
     pub(in crate::sensors) unsafe_positions: u64,
-    /// Number of sentences accepted without a checksum.
     pub(in crate::sensors) unchecked: u64,
 }
 
@@ -173,7 +171,7 @@ impl Account {
         if self.unsafe_positions > 0 {
             all.push(Remark::fault(
                 format!(
-                    "{} positions are marked as unsafe by their receiver, and count as accurate to {UNSAFE_SD} m",
+                    "{} positions are marked as unsafe by their receiver: taken as accurate to {UNSAFE_SD} m",
                     self.unsafe_positions
                 ),
                 "check the antenna's view of the sky, and look for interference",

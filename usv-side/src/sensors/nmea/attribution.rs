@@ -2,9 +2,9 @@
 
 /// Kinds of sentences without a time.
 pub(super) const KINDS: usize = 4;
-/// Consecutive epochs with evidence for the other side of the time that move a kind there.
+/// Consecutive epochs with evidence for the other side of the time stamp after which a kind is moved there.
 const CHANGE: u8 = 3;
-/// Consecutive epochs with several sentences of a kind that make it a separate device.
+/// Consecutive epochs with several sentences of a kind after which it is treated as a separate device.
 const SEVERAL: u8 = 2;
 /// Time without any time stamp after which a source is taken to have none, ns.
 const TIMELESS_NS: i64 = 2_000_000_000;
@@ -52,7 +52,7 @@ impl Attribution {
         self.now_ns = Some(now_ns);
         self.first_ns.get_or_insert(now_ns);
     }
-    /// Records a sentence with a time. `new`: its time differs from the last one.
+    /// Records a sentence with a time; `new` if that differs from the previous one.
     pub(super) fn timed(&mut self, new: bool) {
         if let (true, Some(now)) = (new, self.now_ns) {
             for kind in &mut self.kinds {
@@ -70,11 +70,10 @@ impl Attribution {
                 .map(|(now, timed)| (now, now.saturating_sub(timed)));
         }
     }
-    /// Whether the kind belongs to the next time.
     pub(super) fn leads(&self, kind: usize) -> bool {
         self.kinds.get(kind).is_some_and(|k| k.leads)
     }
-    /// Arrival of a kind that is dated by it: several sentences arrive per time, or no time is sent.
+    /// Arrival of a kind that is dated by arrival: several sentences arrive per time stamp, or no time stamp is sent.
     pub(super) fn own_time(&self, kind: usize) -> Option<i64> {
         let now = self.now_ns?;
         let since = now.saturating_sub(self.timed_ns.or(self.first_ns)?);

@@ -32,7 +32,7 @@ const VOTES: i8 = 5;
 /// Maximum number of waiting messages in a recording, and maximum time of their spread, ns.
 const MAX_WAITING: usize = 3000;
 const MAX_SPREAD_NS: i64 = 2_000_000_000;
-/// Carried measurements of a kind ignored after one from a sentence itself: 5 s at 10 Hz.
+/// Number of carried measurements of a kind ignored after a sentence has provided that kind directly: 5 s at 10 Hz.
 const MAX_SPARE: u8 = 50;
 /// Base of the times for the bus decoder, ns since 1970 (2033), and their maximum distance from it.
 const BASE_NS: i64 = 2_000_000_000_000_000_000;
@@ -59,7 +59,6 @@ impl CarriedMessage {
             data,
         })
     }
-    /// Parses the fields of PCDIN.
     pub(super) fn of_pcdin(fields: &[&str]) -> Option<Self> {
         let [pgn, counter, source, data] = fields else {
             return None;
@@ -112,7 +111,7 @@ pub(super) struct Carried {
     sequence: u8,
     /// Measurements to output after those of the sentence itself.
     given: Vec<SourceMeasurement>,
-    /// Carried measurements since the last one from a sentence itself, by kind.
+    /// Number of carried measurements of each kind since a sentence last provided that kind directly.
     without_own: [u8; 4],
     pub(super) sentences: u64,
     counts: Decoded,
@@ -236,13 +235,13 @@ impl Carried {
         all.extend(further.map(|(k, part)| [&[head | k][..], part].concat()));
         all
     }
-    /// Records a measurement of this kind from the sentences themselves.
+    /// Records a measurement of this kind that a sentence has provided directly.
     pub(super) fn own(&mut self, kind: usize) {
         if let Some(without) = self.without_own.get_mut(kind) {
             *without = 0;
         }
     }
-    /// Measurements dated since the last call, and number ignored because the sentences provide the kind.
+    /// Measurements dated since the last call, and number of those ignored because sentences provide the kind directly.
     pub(super) fn measurements(&mut self, by_arrival: bool) -> (Vec<SourceMeasurement>, usize) {
         let mut all = core::mem::take(&mut self.given);
         let count = all.len();

@@ -9,7 +9,7 @@ const STAMP_NS: i64 = 10_000_000;
 #[derive(Clone, Copy, Debug)]
 pub(in crate::sensors) struct Partner {
     newest_ns: Option<i64>,
-    /// Intervals between the three newest epochs with the part, ns; the smaller counts, as one may be lost.
+    /// Intervals between the three newest epochs with the part, ns. The smaller is used, because a part may have been lost.
     apart_ns: [Option<i64>; 2],
     /// Consecutive epochs without the due part.
     without: u8,

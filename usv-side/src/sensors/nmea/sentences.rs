@@ -340,7 +340,7 @@ impl NmeaDecoder {
             Some((roll, pitch)) if !self.is_used(TILTS, address, ([roll, pitch], sd), false) => {
                 self.left_out(address, Why::Spare);
             }
-            // A second attitude with one time is counted on admission.
+            // A second attitude with the same time is counted on admission.
             Some((roll, pitch)) => {
                 let fix = self.tilt([roll, pitch], s.heave.map(f64::from), sd);
                 out.push(SourceMeasurement::new(at_ns, fix));

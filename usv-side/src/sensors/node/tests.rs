@@ -103,7 +103,7 @@ fn sensor_node_across_a_leap_second() {
     assert!(
         remark
             .text
-            .starts_with("its clock changed 1 times, at last by -1.0"),
+            .starts_with("its clock changed 1 times, most recently by -1.0"),
         "{remark:?}"
     );
 }
@@ -302,7 +302,7 @@ fn frames_of_a_base_that_lacks_its_place() {
     assert_eq!((status.decoded.good, status.newest_s), (5, Some(at(40).secs())));
     let texts: Vec<String> = n.remarks()[0].iter().map(|r| r.text.clone()).collect();
     assert!(
-        texts[0].starts_with("RTCM lacks the base's place (4072.0, 1005 or 1006)"),
+        texts[0].starts_with("RTCM lacks the base position (4072.0, 1005 or 1006)"),
         "{texts:?}"
     );
     assert!(
@@ -347,7 +347,6 @@ proptest! {
     }
 }
 
-/// Fate of a message in transit.
 #[derive(Clone, Copy, Debug)]
 enum Fate {
     Repeated,
@@ -504,7 +503,7 @@ fn bases_that_are_not_on_the_vessel() {
     });
     assert_eq!(
         rare,
-        ["RTCM has the base's place at 0.2 Hz, and observations at 10.0 Hz"]
+        ["RTCM has the base position at 0.2 Hz, and observations at 10.0 Hz"]
     );
 }
 

@@ -13,7 +13,6 @@ const MAX_DISAGREEING: f64 = 0.6;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
-    /// Length of an interval, s.
     pub(super) interval_s: f64,
     /// Maximum time between two values, s; after a longer gap the rate is unknown.
     pub(super) step_s: f64,
@@ -50,8 +49,8 @@ impl<P: Copy> Agreement<P> {
             since: None,
         }
     }
-    /// Adds a quantity and its rate, or why the rate is impossible. `compare` returns integral minus change,
-    /// and whether it is too large; None without information.
+    /// Adds a quantity and its rate, or the reason why the rate is impossible. `compare` returns integral
+    /// minus change, and whether it is too large; None without information.
     pub(super) fn take(
         &mut self,
         at: Time<VesselClock>,

@@ -26,9 +26,8 @@ const STEP_S: f64 = 0.35;
 /// Maximum age of the heading, s, and maximum turn within a window, rad.
 const HEADING_S: f64 = 1.5;
 const MAX_TURN_RAD: f64 = 0.35;
-/// Minimum ratio of the squared residuals of the two signs, and minimum log likelihood ratio, of which chance exceeds
-/// the latter once in 10^5 cases. A half wave counts as one sample, because the hull's other motion is correlated within
-/// it.
+/// Minimum ratio of the squared residuals of the two signs, and minimum log likelihood ratio, which chance exceeds once in
+/// 10^5 cases. A half wave counts as one sample, because the hull's other motion is correlated within it.
 const MIN_RATIO: f64 = 2.0;
 const SURE: f64 = 10.0;
 /// Fraction of the sums that is kept from window to window: a memory of a minute.
@@ -121,7 +120,7 @@ impl Sums {
         let all = edges.into_iter().chain(is_inside.then_some(inside));
         all.map(of).fold(f64::INFINITY, f64::min)
     }
-    /// Height of the antenna by its motion alone, m, if an antenna at `height_m` contradicts the sign of the angle.
+    /// Height of the antenna according to its motion alone, m, if an antenna at `height_m` contradicts the angle's sign.
     fn contradiction(&self, height_m: f64) -> Option<f64> {
         let [right, inverted] = [1.0, -1.0].map(|sign| self.residual(height_m, sign).max(0.0));
         let ratio = right / inverted.max(1e-6 * self.yy);

@@ -22,7 +22,6 @@ const BLOCK_S: f64 = WINDOW_S / BLOCKS as f64;
 const MIN_BLOCKS: usize = 4;
 /// Minimum number of values in a tested window.
 const MIN_VALUES: f64 = 20.0;
-/// Maximum gap within a window, s.
 const MAX_GAP_S: f64 = 5.0;
 /// Permitted mean, and change of it within a window, m: slow error of a good sensor, and a reference point
 /// that sinks with load, speed or heel.

@@ -2,9 +2,9 @@
 //! instrument is aligning, a field has no sensor.
 //!
 //! Evidence of motion is a swing of any channel of any sensor: a value that reverses twice by more than its
-//! noise. Waves do so twice per period, a manoeuvre does not. Each swing implies a minimum movement of other
+//! noise. Waves cause two swings per period, a manoeuvre none. Each swing implies a minimum movement of other
 //! channels. A channel stands still if it does not change during several swings that imply clearly more than
-//! its resolution: the smallest recent change. One that never changed is assumed to be coarse; a heading of
+//! its resolution: the smallest recent change. A channel that never changed is assumed coarse; a heading of
 //! exactly zero from the start is a placeholder, assumed ten times finer.
 
 use core::f64::consts::PI;
@@ -42,10 +42,10 @@ const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
 const FINE: f64 = 0.1;
 /// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations.
 const SAME: f64 = 1e-9;
-/// Factor on the smallest change at each later change: old ones may be from another setting.
+/// Factor on the smallest change at each later change, because old changes may be from another setting.
 const FORGETTING: f64 = 1.005;
-/// Minimum distance by the fix's velocity at which an unchanged position stands still, m; its resolution
-/// is a thousandth of a minute or better.
+/// Minimum distance travelled according to the fix's velocity over which an unchanged position stands still,
+/// m; its resolution is a thousandth of a minute or better.
 const WAY_M: f64 = 10.0;
 
 /// Witnesses: name, and minimum peak-to-peak swing above noise, SI. Rates are integrated first, because their
@@ -101,7 +101,7 @@ impl Contradicted {
     }
 }
 
-/// Newest number of a channel, and the movement of others while it stayed.
+/// Newest value of a channel, and the movement of other channels while it remained unchanged.
 #[derive(Clone, Copy, Debug)]
 struct Repetition {
     numbers: [f64; 4],
@@ -281,7 +281,7 @@ impl Movement {
             Measurement::Gnss(_) => {}
         }
         for (witness, mut swing) in swings.into_iter().flatten() {
-            // A number in steps that crosses one by a hair moves by a whole step.
+            // A quantised value that barely crosses a step changes by the whole step.
             let step = self.sensors.get(k).map_or(0.0, |s| s.step(witness));
             swing.amplitude = (swing.amplitude - 0.5 * step).max(0.0);
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
@@ -309,7 +309,7 @@ impl Movement {
 }
 
 impl Sensor {
-    /// Smallest recent change of a witness, SI; 0 of an integral.
+    /// Smallest recent change of a witness, SI; 0 for an integral.
     fn step(&self, witness: usize) -> f64 {
         use Channel::{Heading, Heave, Height, Tilt};
         let of = [Tilt, Tilt, Heading, Heave, Height].get(witness);

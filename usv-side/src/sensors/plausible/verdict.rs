@@ -7,7 +7,7 @@ use super::standstill::Standstill;
 
 /// Length of the window for rejection or acceptance, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;
-/// Individually impossible values in a window that reject the channel; one is a damaged message.
+/// Number of individually impossible values in a window that reject the channel; a single one is a damaged message.
 const MAX_IMPOSSIBLE: u32 = 5;
 
 /// Reason for rejecting values, in the channel's SI unit.
@@ -19,7 +19,7 @@ pub(super) enum Doubt {
     Jump(f64),
     /// Drift of the mean, per minute.
     Drift(f64),
-    /// Mean of a quantity that has none in waves.
+    /// Mean of a quantity that averages to zero in waves.
     Mean(f64),
     /// Root mean square difference from the rate of change of another channel.
     Disagreement(f64),

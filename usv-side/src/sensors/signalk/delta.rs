@@ -13,7 +13,7 @@ pub(super) struct DeltaMessage {
     pub(super) own: Option<String>,
     /// Vessel of the values; None: the server's own.
     pub(super) context: Option<String>,
-    /// Each update is parsed by itself ([`DeltaUpdate::read`]), so that a malformed one affects no other.
+    /// Each update is parsed separately ([`DeltaUpdate::read`]), so that a malformed one affects no other.
     #[serde(default)]
     pub(super) updates: Vec<Value>,
 }
@@ -23,7 +23,7 @@ pub(super) struct DeltaMessage {
 pub(super) struct DeltaUpdate {
     #[serde(rename = "$source")]
     source: Option<String>,
-    /// Source in parts, from before sources had names.
+    /// Source in parts, as sent by servers that do not name their sources.
     #[serde(rename = "source")]
     parts: Option<Parts>,
     pub(super) timestamp: Option<String>,
@@ -160,7 +160,6 @@ const READ: [&str; 11] = [
     "environment.heave",
 ];
 
-/// Whether any part of a path is read.
 pub(super) fn is_read(path: &str) -> bool {
     READ.contains(&path) || path.starts_with("navigation.gnss.")
 }

@@ -16,8 +16,8 @@ pub(super) struct Lag {
 }
 
 impl Lag {
-    /// Whether an update stamped `stamp_ns` that arrives at `now_ns` was delayed; after some seconds, its
-    /// clock was set back.
+    /// Whether an update stamped `stamp_ns` that arrives at `now_ns` was delayed. After some seconds, its
+    /// clock is taken as set back instead.
     pub(super) fn is_held_up(&mut self, now_ns: i64, stamp_ns: i64) -> bool {
         let lag = OffsetBounds::of_message(stamp_ns, Time::from_nanos(now_ns));
         let smallest = self.smallest.map_or(lag, |s| s.drifted(lag.at, CLOCK_DRIFT));

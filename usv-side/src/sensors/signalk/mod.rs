@@ -24,7 +24,7 @@ pub const MAX_MESSAGE: usize = 256 << 10;
 /// Maximum number of sources distinguished; the rest count as one.
 const MAX_SOURCES: usize = 64;
 
-/// Difference between times of different clocks, ns, and consecutive times that change the clock.
+/// Difference between times of different clocks, ns, and number of consecutive times after which the clock is changed.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
 const MAX_OTHERS: u8 = 10;
 /// Period of a receiver's week number, 1024 weeks, s.
@@ -47,7 +47,6 @@ pub struct SignalKDecoder {
     bus: SensorBus,
     /// Arrival time of the pushed bytes, ns; None in a recording.
     now_ns: Option<i64>,
-    /// Own vessel of the server.
     own: Option<String>,
     sources: Vec<String>,
     /// Groups and sources since the server's greeting; None before it.
@@ -128,7 +127,6 @@ impl SignalKDecoder {
         self.decoded.ignored += 1;
         self.account.leave_out(name, Why::NotRead);
     }
-    /// Whether this is the server's own vessel.
     fn is_own(&self, context: Option<&str>) -> bool {
         let Some(context) = context else { return true };
         let vessel = context.strip_prefix("vessels.");
@@ -200,7 +198,7 @@ impl SignalKDecoder {
             None => self.decoded.undated += 1,
         }
     }
-    /// Whether a time is from another clock than its kind's: a receiver's date among the server's.
+    /// Whether a time is from another clock than others of its kind, such as a receiver's date among the server's.
     fn is_of_other_clock(&mut self, kind: usize, source: u32, stamp_ns: i64) -> bool {
         let Some(clock) = self.clocks.get_mut(kind) else {
             return false;
@@ -215,8 +213,8 @@ impl SignalKDecoder {
         self.two_clocks = Some((source, apart_ns.saturating_abs() as f64 * 1e-9));
         true
     }
-    /// Dates a measurement by arrival. Of several of a kind at once, only the newest is kept; the others
-    /// count as delayed.
+    /// Dates a measurement by arrival. If several of one kind arrive at once, only the newest is kept; the
+    /// others count as delayed.
     fn by_arrival(&mut self, name: &str, m: Measurement) {
         match self.timeless.iter_mut().find(|of| of.kind() == m.kind()) {
             Some(older) => {

@@ -10,7 +10,7 @@ use crate::sensors::{Mounting, SourceMeasurement};
 
 /// Time without a NAV-PVT fix after which the parts are used, ns.
 const SILENT_NS: i64 = 2_000_000_000;
-/// Maximum stated error of a position, m: the default mask (CFG-NAV5). Without a fix, receivers state km.
+/// Maximum stated error of a position, m: the default mask (CFG-NAV5). Without a fix, receivers state kilometres.
 const NO_FIX_M: f64 = 100.0;
 
 /// Position and its stated errors, m.
@@ -59,7 +59,7 @@ struct Epoch {
     given: bool,
 }
 
-/// Received parts, and those that arrive for each time.
+/// Parts received in the current epoch, and parts expected in each.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct FixParts {
     epoch: Option<Epoch>,

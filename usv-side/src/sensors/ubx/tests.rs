@@ -98,7 +98,7 @@ fn ubx_moving_base_with_a_float_carrier_solution() {
         .collect();
     let (all, d) = decode(&bytes, 64);
     assert_eq!((all.len(), d.remarks()[0].remedy.is_none()), (37, true));
-    // No fix, position, heading or carrier solution; both solution bits; a base ashore.
+    // Invalid flags: no fix, position, heading or carrier solution; both solution bits; a base ashore.
     for (flag, why) in [
         (1, "marked as invalid"),
         (1 << 2, "marked as invalid"),

@@ -1,5 +1,3 @@
-//! Take-off clearances.
-
 use super::*;
 use crate::deck::ClearanceEnd;
 use alight_shared::msg::TAKE_OFF_CLEARANCE_S;

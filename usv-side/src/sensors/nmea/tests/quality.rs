@@ -1,5 +1,3 @@
-//! Quality flags of the sender.
-
 use super::*;
 
 #[test]
