@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use alight_shared::wire;
 
 const MAX_PAGES: usize = 22;
-const MAX_WORDS: usize = 29_300;
+const MAX_WORDS: usize = 28_000;
 const MAX_PAGE_WORDS: usize = 2500;
 
 fn root() -> PathBuf {
