@@ -1,4 +1,4 @@
-//! Landings in lock-step without the program around them: no zenoh, iceoryx2 or tokio to build.
+//! Lock-step landings without the `alight` program, and therefore without building zenoh, iceoryx2 or tokio.
 //!
 //! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line per landing and the
 //! number of successes. SEA is an argument of `alight trial --sea` (`moderate`, `jonswap:1,5`). `alight trial

@@ -1,4 +1,4 @@
-//! Inertial sensors, magnetometer, barometer and GNSS of a firmware.
+//! Inertial sensors, magnetometer, barometer and GNSS that feed a firmware.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geodesy::Datum;

@@ -1,4 +1,4 @@
-//! A law that is not part of this program: the caller makes it for each start of the planner.
+//! A law supplied by the caller, who constructs it for each start of the planner.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -7,17 +7,17 @@ use alight_shared::time::Span;
 use alight_uav::planner::law::Law;
 use alight_uav::settings::DroneSettings;
 
-/// Report of a law to the world that flies it.
+/// Report from a law to the world in which it flies.
 #[derive(Clone, Debug, Default)]
 pub struct LawReport(Arc<Mutex<ReportedLaw>>);
 
 #[derive(Clone, Debug, Default)]
 pub struct ReportedLaw {
-    /// Reason why the law plans no more; the flight goes on without plans.
+    /// Reason why the law has stopped planning; the flight continues without plans.
     pub failure: Option<String>,
-    /// Reason why it has no plan now.
+    /// Reason for the current absence of a plan.
     pub none: Option<String>,
-    /// Solve time of the newest plan; None: that of the scenario.
+    /// Solve time of the newest plan; None: the scenario's.
     pub solve: Option<Span>,
 }
 
@@ -29,7 +29,7 @@ impl LawReport {
 
 type MakeLaw = dyn Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync;
 
-/// Planner under test. Mission and predictor have the drone's own settings.
+/// Planner under test. Mission and predictor keep the drone's own settings.
 #[derive(Clone)]
 pub struct OwnLaw {
     name: String,
@@ -37,7 +37,7 @@ pub struct OwnLaw {
 }
 
 impl OwnLaw {
-    /// `name`: planner in the outcomes.
+    /// `name` identifies the planner in the outcomes.
     pub fn new(
         name: impl Into<String>,
         make: impl Fn(&DroneSettings, &LawReport) -> Box<dyn Law> + Send + Sync + 'static,

@@ -1,4 +1,4 @@
-//! The drone's cameras in lock-step, at the edge of its rows: images are rendered, and delivered after a
+//! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a
 //! delay.
 
 use alight_shared::time::{Span, Time, TrueTime};
@@ -52,7 +52,7 @@ impl ImageDelay {
 
 struct NightExposure {
     metering: Metering,
-    /// Number of begun exposures; `metered` counts metered images.
+    /// Number of exposures begun; `metered` counts metered images.
     begun: u64,
     metered: u64,
 }
@@ -101,14 +101,14 @@ struct Belly {
     night: Option<NightExposure>,
 }
 
-/// The belly and ultraviolet cameras and their links; images replace the measurement models.
+/// The belly and ultraviolet cameras and their links; their images replace the measurement models.
 pub struct SimulatedCameras {
     belly: Option<Belly>,
     ultraviolet: Option<(Ultraviolet, ImageDelay)>,
 }
 
 impl SimulatedCameras {
-    /// None when measurement models replace both cameras.
+    /// None if measurement models replace both cameras.
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
@@ -136,7 +136,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// Images of the belly camera that have arrived by `t`; the exposures `shots` begin now.
+    /// Returns the belly camera's images that have arrived by `t`; the exposures `shots` begin now.
     pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();

@@ -1,4 +1,4 @@
-//! Interruptions while rotors turn: the drone continues, or reports what it does; orders take effect; no
+//! Interruptions while the rotors turn: the drone continues, or reports its actions; orders take effect; no
 //! drone is disarmed in the air or stays low over the deck. Storms draw other combinations.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
@@ -22,9 +22,9 @@ const ABEAM: Station = Station {
 
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    /// Start of the gap; [`State::Hold`]: on a station after a take-off.
+    /// State in which the gap starts; [`State::Hold`] is on a station after a take-off.
     when: State,
-    /// Delay after the state's entry, s.
+    /// Delay after entry to the state, s.
     after_s: f64,
     gone: FaultKind,
     gap_s: f64,
@@ -35,11 +35,11 @@ struct Cell {
 }
 
 const RESUME_S: f64 = 5.0;
-/// Time after an action of the autopilot alone for which contacts are excused, s.
+/// Time after an action by the autopilot alone during which contacts are excused, s.
 const EXCUSED_S: f64 = 1.5;
-/// Maximum time until an order has taken effect, s; a take-off climbs.
+/// Maximum time until an order has taken effect, s; long enough for the climb of a take-off.
 const ACTS_S: f64 = 35.0;
-/// Height of feet off the deck, m.
+/// Height of the feet above the deck that counts as airborne, m.
 const AIR_M: f64 = 0.25;
 
 impl Cell {
@@ -71,7 +71,7 @@ impl Cell {
         }
         rig
     }
-    /// Flies to the start of the gap; false if it is not reached.
+    /// Flies to the start of the gap; returns false if it is not reached.
     fn reach(&self, rig: &mut Rig) -> bool {
         let due = |rig: &mut Rig, state: State, after_s: f64| rig.until(90.0, |r| r.is_due(state, after_s));
         let spins = |rig: &mut Rig| rig.until(90.0, |r| r.state(0) == State::SpinUp && armed(r, 0));
@@ -99,7 +99,7 @@ impl Cell {
             state => due(rig, state, self.after_s),
         }
     }
-    /// Returns the first broken rule.
+    /// Flies the case; returns the first broken rule.
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
@@ -128,7 +128,7 @@ impl Cell {
         watch.bad.or_else(|| self.judge(&rig))
     }
 
-    /// Rule broken by the flight's end.
+    /// Rule broken at the end of the flight.
     fn judge(&self, rig: &Rig) -> Option<String> {
         let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
         let height_m = o.feet_height_m();
@@ -161,7 +161,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// `since_s`: after the end of the gap.
+    /// `since_s` is the time since the end of the gap.
     fn look(&mut self, cell: &Cell, rig: &Rig, since_s: f64) {
         let o = rig.world.observation();
         let stops = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -223,7 +223,8 @@ fn gaps_that_ended_badly_once() {
         (SpinUp, 2.8, LinkKilled, 1.0, copter, None, 84),
         (StandDown, 0.05, LinkFrozen, 1.0, px4, None, 85),
         (Hold, 1.0, PilotFrozen, 0.8, px4, hold, 86),
-        // A hover whose thrust counted as less than hover; a stop by a hover thrust learned on the deck.
+        // Cases: a hover whose thrust counted as less than hover thrust; a stop caused by a hover thrust
+        // learned on the deck.
         (SpinUp, 0.5, AutopilotSilent, 0.8, px4, abort, 913),
         (SpinUp, 0.5, ComputerKilled, 0.5, px4, abort, 910),
         // The autopilot alone lets the drone slide to the deck's edge.
