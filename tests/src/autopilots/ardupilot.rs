@@ -17,7 +17,6 @@ const OUTPUTS_AT: usize = 8;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Servos {
-    /// Simulation steps per second that ArduPilot requests.
     pub rate_hz: u16,
     /// Packet counter; a repeated number marks a retransmission.
     pub frame: u32,
@@ -50,9 +49,8 @@ pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTO
     motors(config, &outputs)
 }
 
-/// Answer of the plant: newline, compact JSON, newline. ArduPilot adds the sensor noise. `start_s` is the
-/// true time at which ArduPilot's clock starts, s; positions are relative to its home, which must be the
-/// datum.
+/// Answer of the plant: newline, compact JSON, newline. ArduPilot adds the sensor noise. `start_s` is the true time at
+/// which ArduPilot's clock starts, s; positions are relative to its home, which must be the datum.
 pub fn answer(truth: &PlantState, start_s: f64) -> String {
     let mut text = String::from("\n{");
     let list = |v: &[f64]| {

@@ -36,8 +36,7 @@ config! {
         /// Chosen: corresponds to a height of 8 cm.
         pub barometer_hpa: f64 = 0.01, in 0.0..=1.0;
         /// Time to wait for a firmware's answer, s.
-        /// Chosen: longer than scheduling delays of a desktop computer. Motors keep their commands after a
-        /// time-out.
+        /// Chosen: longer than scheduling delays of a desktop computer. Motors keep their commands after a time-out.
         pub answer_timeout_s: f64 = 0.5, in 0.001..=10.0;
     }
     check |this, at| {

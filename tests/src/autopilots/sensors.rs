@@ -132,7 +132,6 @@ fn pressure_hpa(height_m: f64) -> f64 {
             .max(0.1)
             .powf(EXPONENT)
 }
-/// Inverse of [`pressure_hpa`], m.
 fn altitude_m(pressure_hpa: f64) -> f64 {
     SEA_LEVEL_K / LAPSE_RATE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }

@@ -12,9 +12,8 @@ pub(super) struct Peak {
     pub amplitude: f64,
 }
 
-/// Spectral lines of `record` (`rate` samples per second) between two frequencies, strongest first. A line is
-/// a local maximum, located between bins by a parabola through the logarithms of three bins. Uses at most
-/// [`POINTS`] samples.
+/// Spectral lines of `record` (`rate` samples per second) between two frequencies, strongest first. A line is a local
+/// maximum, located between bins by a parabola through the logarithms of three bins. Uses at most [`POINTS`] samples.
 pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Peak> {
     let n = record.len().min(POINTS);
     if n < 8 {

@@ -5,7 +5,6 @@ use nalgebra::{SMatrix, SVector};
 pub const STAGES: usize = 10;
 /// Maximum number of Newton steps; problems without a barrier need one or two.
 const NEWTON_STEPS: usize = 12;
-/// Maximum number of halvings of a step.
 const HALVINGS: usize = 8;
 /// Penalty weight on the square of a limit's excess; larger than the cost of the barrier.
 const LIMIT_WEIGHT: f64 = 5000.0;

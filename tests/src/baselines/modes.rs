@@ -186,7 +186,6 @@ impl SpectralModes {
         self.analyse(at);
     }
 
-    /// Estimates the frequencies every [`REFRESH_S`] and filters the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
@@ -224,7 +223,6 @@ impl SpectralModes {
         }
     }
 
-    /// Record resampled at even spacing by linear interpolation.
     fn even(&self) -> Vec<[f64; WAVY]> {
         let mut out = Vec::with_capacity(KEPT);
         let (Some(first), Some(last)) = (self.record.front(), self.record.back()) else {

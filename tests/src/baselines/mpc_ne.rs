@@ -13,14 +13,13 @@
 //! - The heading is not aligned: its rate decays (the minimiser of `S eta'² + T du²` for a double integrator
 //!   without a target angle).
 //!
-//! The authors publish the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak
-//! of about 610, and a waiting height of about 1.8 m. They do not publish S, T, alpha_L, the limits, and the
-//! parameters of [`super::modes`]. We tuned these by hand at Moderate (0.5 m, 5 s; published: 95 %, 0.5 m,
-//! 34.5 s, 0.7 m/s) on seeds 100 to 111 and 300 to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On other
-//! seeds (500 to 511): 2 of 12, 0.56 m, 35 s, 0.61 m/s. Position, time and speed match the publication. The
-//! success rate does not: the camera loses the tag for the last 0.7 to 1.5 s, during which the position is
-//! extrapolated with the last sway velocity, which differs from the deck's by up to 1 m/s. The common planner
-//! flies the approach to the vessel.
+//! The authors publish the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak of about
+//! 610, and a waiting height of about 1.8 m. They do not publish S, T, alpha_L, the limits, and the parameters of
+//! [`super::modes`]. We tuned these by hand at Moderate (0.5 m, 5 s; published: 95 %, 0.5 m, 34.5 s, 0.7 m/s) on seeds
+//! 100 to 111 and 300 to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On other seeds (500 to 511): 2 of 12, 0.56 m, 35
+//! s, 0.61 m/s. Position, time and speed match the publication. The success rate does not: the camera loses the tag for
+//! the last 0.7 to 1.5 s, during which the position is extrapolated with the last sway velocity, which differs from the
+//! deck's by up to 1 m/s. The common planner flies the approach to the vessel.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};

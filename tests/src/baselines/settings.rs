@@ -7,9 +7,8 @@ use alight_uav::predictor::PredictorConfig;
 
 use super::Baseline;
 
-/// Maximum detection age at which `mpc-ne`, which lands by vision alone, ignores the radio, s. Longer than
-/// the last metre of a descent, where the tag is out of view; after 5 s without vision the mission approaches
-/// by radio.
+/// Maximum detection age at which `mpc-ne`, which lands by vision alone, ignores the radio, s. Longer than the last
+/// metre of a descent, where the tag is out of view; after 5 s without vision the mission approaches by radio.
 const VISION_ONLY_S: f64 = 4.5;
 /// Maximum duration of a descent, s, including this planner's wait above the deck.
 const WAITING_S: f64 = 120.0;

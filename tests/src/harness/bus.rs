@@ -1,8 +1,7 @@
 //! Bus in lock-step. Each topic has a ring of its newest messages, with the capacity of the shared-memory
 //! bus; each reader has its own position in the ring.
 //!
-//! A [`Wrapper`] between a row and the bus changes messages to simulate a fault, or a defect that a storm
-//! must detect.
+//! A [`Wrapper`] between a row and the bus changes messages to simulate a fault, or a defect that a storm must detect.
 
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
@@ -56,8 +55,7 @@ impl LockStep {
             row: Some(row),
         }
     }
-    /// Installs a wrapper between a row and the bus. It replaces an earlier wrapper and survives restarts of
-    /// the row.
+    /// Installs a wrapper between a row and the bus. It replaces an earlier wrapper and survives restarts of the row.
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
@@ -175,7 +173,6 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
 
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
-    /// Number of messages read.
     read: u64,
     received: ReadCounts,
     place: Place<M>,

@@ -1,5 +1,4 @@
-//! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a
-//! delay.
+//! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a delay.
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
@@ -76,7 +75,6 @@ impl NightExposure {
             at_limit: self.metering.at_limit(),
         }
     }
-    /// Sets exposure and gain of `shots`.
     fn set(&mut self, shots: &[Shot]) -> Vec<Shot> {
         self.begun += shots.len() as u64;
         let Setting { exposure_s, gain } = self.metering.setting();

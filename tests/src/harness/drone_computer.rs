@@ -50,8 +50,7 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// Senders outside the rows: for operators, plans after their solve time, and detections of measurement
-/// models.
+/// Senders outside the rows: for operators, plans after their solve time, and detections of measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -84,7 +83,6 @@ readers! {
     }
 }
 
-/// A drone's radio, computer and autopilot.
 pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
@@ -111,11 +109,9 @@ pub struct SimulatedDroneComputer {
     /// The pilot has switched to OFFBOARD (GUIDED) once.
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
-    /// All processes are dead.
     pub(super) is_dead: bool,
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
-    /// Report of a law supplied by the caller.
     law: LawReport,
     solve_delay: Span,
     pub(super) slower: Span,
@@ -124,7 +120,6 @@ pub struct SimulatedDroneComputer {
     mutant: Option<Mutant>,
     /// Change of the vessel's clock relative to this computer's since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// Sensor faults; None if the flight has none.
     spoiled: Option<Spoiled>,
     /// Position of a second vessel with the same identity, m north of the first; 0: no second vessel.
     twin_m: f64,
@@ -302,7 +297,6 @@ impl SimulatedDroneComputer {
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
     }
-    /// Replaces the pilot node's set-point from now on.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
         self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
@@ -338,7 +332,6 @@ impl SimulatedDroneComputer {
             &self.law,
         );
     }
-    /// Kills the supervisor and all processes.
     pub(super) fn kill_all(&mut self) {
         (self.is_dead, self.rows) = (true, DroneRows::default());
         self.frozen.clear();
@@ -437,7 +430,6 @@ impl SimulatedDroneComputer {
         }
         let packets = self.packets(physics);
         if self.is_dead {
-            // Readings are lost.
             let _lost = physics.drone_readings(self.k);
             let _lost = self.linked.as_mut().map(|linked| linked.received(t));
             return;

@@ -30,7 +30,6 @@ pub struct Failing {
     pub radio: [ChannelFault; 2],
     pub vessel: VesselSensorFaults,
     pub drone: DroneSensorFaults,
-    /// Faults of a drone's receiver with a moving base.
     pub moving_base: MovingBaseFaults,
     pub autopilot: AutopilotFaults,
     pub mutant: Option<Mutant>,
@@ -257,8 +256,7 @@ impl DetectionShift {
     }
 }
 
-/// Pseudo-random number from 0 to 1 that depends only on the message's number, which makes flights
-/// repeatable.
+/// Pseudo-random number from 0 to 1 that depends only on the message's number, which makes flights repeatable.
 fn by_chance(sequence: u32, axis: u32) -> f64 {
     let mixed = sequence
         .wrapping_mul(4)
@@ -267,7 +265,6 @@ fn by_chance(sequence: u32, axis: u32) -> f64 {
     f64::from((mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b) >> 8) / f64::from(1_u32 << 24)
 }
 
-/// Faults of the autopilot and its wire.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotFaults {
     pub silent: bool,
@@ -279,7 +276,6 @@ pub struct AutopilotFaults {
     pub no_battery: bool,
     /// The reported charge freezes (0), or toggles between the frozen value and one higher by this amount.
     pub battery_stuck: Option<f64>,
-    /// Additional battery drain, 1/s.
     pub drain_per_s: f64,
     pub landed_report: Option<LandedState>,
     /// Northward drift of the autopilot's position, m/s, as under slow spoofing.

@@ -1,5 +1,4 @@
-//! Forecasts with one part replaced by the truth, for an error budget: the remaining error comes from the
-//! other parts.
+//! Forecasts with one part replaced by the truth, for an error budget: the remaining error comes from the other parts.
 //!
 //! Notation: `^` forecast, `*` truth; `d`, `e`: position and velocity error of the odometry, in whose frame
 //! the drone flies:

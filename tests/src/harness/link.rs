@@ -126,7 +126,6 @@ impl LinkedAutopilot {
         }
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
-    /// Frames that have arrived at the link by `t`.
     pub fn received(&mut self, t: Time<TrueTime>) -> Vec<MavlinkFrame> {
         self.up.received(t, self.cut)
     }

@@ -124,7 +124,6 @@ pub struct Outcome {
     /// Cause of the ending, with the value that decided it.
     pub reason: String,
     pub seed: u64,
-    /// Name of the sea as given by the caller.
     pub sea: String,
     pub planner: String,
     /// Number of descents begun.
@@ -225,8 +224,7 @@ pub struct Judge {
     water_contacts: u32,
     fast_contacts: u32,
     nearest: f64,
-    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is
-    /// inside one now.
+    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is inside one now.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
     attempts: u32,
@@ -244,8 +242,7 @@ pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
 }
 
 impl Judge {
-    /// Judges one tick; returns true when the trial is over. `half_deck` is half the deck's length and width,
-    /// m.
+    /// Judges one tick; returns true when the trial is over. `half_deck` is half the deck's length and width, m.
     pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
         self.waited.add(o.waiting, o.t_s - self.newest_s);

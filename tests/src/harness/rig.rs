@@ -1,5 +1,4 @@
-//! Test rig for one flight: commands and faults at chosen times, and measurements. Times are in s after the
-//! start.
+//! Test rig for one flight: commands and faults at chosen times, and measurements. Times are in s after the start.
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
@@ -136,7 +135,6 @@ impl Rig {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
     }
-    /// States with their entry times, s.
     pub fn entered(&self, k: usize) -> &[(State, f64)] {
         &self.visited[k]
     }

@@ -59,15 +59,13 @@ config! {
 }
 
 config! {
-    /// Geographic position of the scene, and origins of the drones' frames. The vessel's frame starts at its
-    /// first fix.
+    /// Geographic position of the scene, and origins of the drones' frames. The vessel's frame starts at its first fix.
     pub struct PlaceConfig {
         /// Candidate origins of the scene's NED. The seed selects one, and the vessel's devices send bytes.
         /// Empty: vessel and drones use the scene's NED, and the devices give quantities, because their byte
         /// formats need latitude and longitude.
         pub among: Vec<Datum> = Vec::new();
-        /// Distance from a drone's start to the origin of its autopilot's frame, drawn uniformly between
-        /// these, m.
+        /// Distance from a drone's start to the origin of its autopilot's frame, drawn uniformly between these, m.
         /// Chosen: the autopilot is switched on ashore, or some time earlier aboard.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
         /// Height of that origin above still water, drawn uniformly between these, m.
@@ -134,16 +132,14 @@ config! {
         /// Place on Earth.
         pub place: PlaceConfig;
         /// Distance between the deck centres of the vessel and another boat with the same tags, which rocks
-        /// independently, m.
-        /// None: no other boat.
+        /// independently, m. None: no other boat.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
         /// Differences between the true parameters and those in the nodes' configurations.
         pub draws: DrawConfig;
         /// Start of the drone.
         pub start: StartConfig;
-        /// Number of drones, each with its own computer. With several drones, each requests a reservation of
-        /// the deck.
+        /// Number of drones, each with its own computer. With several drones, each requests a reservation of the deck.
         pub drones: u32 = 1, in 1.0..=8.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
@@ -156,8 +152,7 @@ config! {
         #[serde(skip_serializing_if = "Option::is_none")]
         pub foresight: Option<ForesightConfig> = None;
         /// Time from the planner's step to the plan's arrival at the pilot, s.
-        /// Source: one period of the planner at 50 Hz; a plan is used one period after its inputs are
-        /// measured.
+        /// Source: one period of the planner at 50 Hz; a plan is used one period after its inputs are measured.
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// Time for which the world continues after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
@@ -226,7 +221,6 @@ pub enum SetupError {
     DeckMotion(#[from] DeckMotionError),
 }
 
-/// Configurations of all installed nodes, and the trial's planner.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
     pub vessel: VesselNodeConfig,
@@ -235,7 +229,6 @@ pub struct NodeConfigs {
     pub autopilot: AutopilotLinkConfig,
     /// Settings of the drone's other processes.
     pub drone: DroneSettings,
-    /// Baseline that replaces the drone's planner.
     pub baseline: Option<Baseline>,
     /// Law that replaces that of the drone's planner, or of the baseline.
     pub own: Option<OwnLaw>,

@@ -12,7 +12,6 @@ use crate::harness::storm::Schedule;
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
-/// Event shown to a user while the trial runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     Phase {
@@ -22,7 +21,6 @@ pub enum Event {
     },
 }
 
-/// Requested output in addition to the outcome.
 pub struct Watch<'a> {
     pub on_event: &'a mut dyn FnMut(&Event),
     /// Interval of the trace's points, s; None: no trace.

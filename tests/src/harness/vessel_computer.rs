@@ -27,7 +27,6 @@ const QUANTITIES: &str = "quantities";
 /// Maximum number of delayed readings; corresponds to more than 0.5 s of ticks.
 const MAX_LATE: usize = 256;
 
-/// Rows of the computer, and their input.
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
@@ -217,8 +216,7 @@ fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> 
     Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
-/// Quantities that have arrived, stamped by the devices' clock: from `all` devices, or from the attitude
-/// sensor only.
+/// Quantities that have arrived, stamped by the devices' clock: from `all` devices, or from the attitude sensor only.
 fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

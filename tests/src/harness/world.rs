@@ -156,7 +156,6 @@ impl World {
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.vessel.order(self.vessel_now(), order);
     }
-    /// Sets the levels of the deck's digital inputs.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
         self.given.deck_inputs = inputs;
     }
@@ -186,7 +185,6 @@ impl World {
     pub fn kill(&mut self, k: usize, process: ProcessKind) {
         self.drones[k].kill(process);
     }
-    /// Restarts the process, with or without its checkpoint.
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
@@ -211,7 +209,6 @@ impl World {
         drone.restart_clock(now + drone.ahead, ahead);
     }
 
-    /// Replaces the pilot's set-point from now on.
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
@@ -239,8 +236,7 @@ impl World {
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// Interrupts a drone's radio for `lasts_s` (infinite: permanently). A second outage does not replace the
-    /// first.
+    /// Interrupts a drone's radio for `lasts_s` (infinite: permanently). A second outage does not replace the first.
     pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
         let from = self.physics.now();
         // Longer than any trial.

@@ -3,19 +3,16 @@ use nalgebra::Vector3;
 
 use super::spline::Jet;
 
-/// State of a rigid body's reference point; `B` is the body's FRD frame.
+/// State of a rigid body's reference point, SI units; `B` is the body's FRD frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
     pub position: Point<TrueNed>,
-    /// Velocity, m/s.
     pub velocity: Vector<TrueNed>,
     /// Acceleration without gravity, m/s².
     pub acceleration: Vector<TrueNed>,
     /// Rotation NED from body.
     pub attitude: Rotation<TrueNed, B>,
-    /// Angular velocity, rad/s.
     pub rates: Vector<B>,
-    /// Angular acceleration, rad/s².
     pub angular_acceleration: Vector<B>,
 }
 

@@ -1,4 +1,3 @@
-
 /// A value with its first (`d`) and second (`dd`) derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Jet {
@@ -45,8 +44,7 @@ pub struct Splines<const N: usize> {
 }
 
 impl<const N: usize> Splines<N> {
-    /// `x` must be strictly ascending. Returns None unless `x` and `y` have the same number of knots, at
-    /// least two.
+    /// `x` must be strictly ascending. Returns None unless `x` and `y` have the same number of knots, at least two.
     pub fn through(x: Vec<f64>, y: Vec<[f64; N]>) -> Option<Self> {
         let n = x.len();
         if n < 2 || y.len() != n || !x.windows(2).all(|w| w[0] < w[1]) {

@@ -213,8 +213,7 @@ impl RadioChannel {
     fn delay(&mut self) -> Span {
         let c = &self.config;
         let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        // Redrawing keeps the truncated shape; the bound ensures that the loop ends for extreme
-        // configurations.
+        // Redrawing keeps the truncated shape; the bound ensures that the loop ends for extreme configurations.
         for _ in 0..8 {
             if d >= c.delay_min_s {
                 break;

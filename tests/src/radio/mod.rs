@@ -88,8 +88,7 @@ config! {
         /// Mean delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
-        /// Standard deviation of the delay, s. Delays are independent, and reorder packets unless
-        /// `keep_order` is set.
+        /// Standard deviation of the delay, s. Delays are independent, and reorder packets unless `keep_order` is set.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
         /// Minimum delay, s.
         /// Chosen: time on the air and in two network stacks.

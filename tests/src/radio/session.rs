@@ -90,8 +90,7 @@ pub struct Session<A, B> {
     /// Last reception by the drone and by the vessel; None before the first.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
-    /// End of the current attempt to open the session, and whether it will succeed; None: the session is
-    /// open.
+    /// End of the current attempt to open the session, and whether it will succeed; None: the session is open.
     attempt: Option<(Time<TrueTime>, bool)>,
     reopened: u32,
 }
@@ -161,7 +160,6 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// Sends keep-alives, and closes or reopens the session.
     fn poll(&mut self, t: Time<TrueTime>) {
         if let Some((over, succeeds)) = self.attempt {
             if t < over {

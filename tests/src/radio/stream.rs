@@ -1,13 +1,12 @@
 //! A byte stream over a lossy channel, such as TCP or TLS over TCP: each message waits for all earlier data
 //! (head-of-line blocking).
 //!
-//! The model of the sender includes the features of a present-day kernel that affect message age. On loss,
-//! CUBIC (RFC 9438) multiplies the congestion window by 0.7, and BBR (Cardwell et al. 2017) keeps at least
-//! four segments. Losses are detected when later segments arrive first, with a timer for recent segments (RFC
-//! 8985, RACK); a tail-loss probe follows two round trips without a known loss. The retransmission time-out
-//! is at least 200 ms, doubles (RFC 6298), and restarts at every measured round trip, including selective
-//! acknowledgements, as in Linux. Like the middleware, the sender drops messages that do not fit into the
-//! socket's buffer.
+//! The model of the sender includes the features of a present-day kernel that affect message age. On loss, CUBIC (RFC
+//! 9438) multiplies the congestion window by 0.7, and BBR (Cardwell et al. 2017) keeps at least four segments. Losses
+//! are detected when later segments arrive first, with a timer for recent segments (RFC 8985, RACK); a tail-loss probe
+//! follows two round trips without a known loss. The retransmission time-out is at least 200 ms, doubles (RFC 6298),
+//! and restarts at every measured round trip, including selective acknowledgements, as in Linux. Like the middleware,
+//! the sender drops messages that do not fit into the socket's buffer.
 
 use std::collections::VecDeque;
 
@@ -65,7 +64,6 @@ struct Acknowledgement {
     first: u64,
     /// Further ranges that have arrived, newest first.
     ranges: Vec<Range>,
-    /// Send time of the acknowledged segment.
     sent_at: Time<TrueTime>,
     /// The segment had already arrived before (RFC 2883).
     double: bool,
@@ -332,8 +330,7 @@ impl<T: Clone> RadioStream<T> {
         self.find_lost(t);
         let gained = before.saturating_sub(open(&self.flight)) as f64;
         match self.congestion {
-            // After a time-out the window grows with acknowledgements and is restored when all data have
-            // arrived.
+            // After a time-out the window grows with acknowledgements and is restored when all data have arrived.
             Congestion::Bbr => {
                 let recovered = self.after_time_out && self.acknowledged >= self.recover;
                 let window = if recovered {

@@ -23,9 +23,8 @@ config! {
     }
 }
 
-/// Rotation drone body from camera by design. The camera looks down and the image's upper edge is forward:
-/// camera x is body y (right), camera y is body -x (aft), camera z is body z, i.e. a rotation of +90 deg
-/// about the common z axis.
+/// Rotation drone body from camera by design. The camera looks down and the image's upper edge is forward: camera x is
+/// body y (right), camera y is body -x (aft), camera z is body z, i.e. a rotation of +90 deg about the common z axis.
 pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
     Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(
@@ -69,11 +68,8 @@ impl CameraMount {
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMotion {
     pub centre: Point<TrueNed>,
-    /// Velocity of the camera, m/s.
     pub velocity: Vector<TrueNed>,
-    /// Rotation camera from world.
     pub camera_from_world: Rotation<Camera, TrueNed>,
-    /// Angular velocity in camera axes, rad/s.
     pub rates: Vector<Camera>,
 }
 

@@ -1,4 +1,3 @@
-
 use std::collections::VecDeque;
 
 use alight_shared::time::{Time, TrueTime};

@@ -1,4 +1,3 @@
-
 use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
 use alight_shared::msg::HeadingFix;

@@ -97,7 +97,6 @@ config! {
     }
 }
 
-/// Sensor readings of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
     /// Beacon messages on the autopilot's link.

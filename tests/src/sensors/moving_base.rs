@@ -1,9 +1,8 @@
 //! Moving base: the vessel's receiver sends RTCM 3, and the drone's receiver computes the vector between the
 //! two antennas.
 //!
-//! Both receivers measure at common GNSS times, the epochs, whose numbers are in the frames. An epoch yields
-//! a position 80 ms after all its frames (base position and observations) have arrived; an incomplete epoch
-//! yields none.
+//! Both receivers measure at common GNSS times, the epochs, whose numbers are in the frames. An epoch yields a position
+//! 80 ms after all its frames (base position and observations) have arrived; an incomplete epoch yields none.
 //!
 //! | solution | becomes | after |
 //! |---|---|---|
@@ -146,7 +145,6 @@ struct Ambiguities {
     means_s: [f64; 2],
     times: Noise,
     directions: Noise,
-    /// Direction of a false fix's error.
     direction: Vector3<f64>,
 }
 

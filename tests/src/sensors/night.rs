@@ -95,8 +95,7 @@ impl NightConfig {
     pub(super) fn grey_per_lux(&self, setting: &Setting) -> f64 {
         self.electrons * setting.exposure_s * self.step(setting.gain)
     }
-    /// Standard deviation of a pixel at this grey level and gain, grey levels; `dark` is added as root sum of
-    /// squares.
+    /// Standard deviation of a pixel at this grey level and gain, grey levels; `dark` is added as root sum of squares.
     pub(super) fn noise(&self, grey: f64, gain: f64, dark: f64) -> f64 {
         let step = self.step(gain);
         (dark * dark + step * step * self.read * self.read + step * grey.max(0.0)).sqrt()

@@ -1,4 +1,3 @@
-
 use core::ops::RangeInclusive;
 
 use alight_shared::config::{ConfigError, InRange, Keys};

@@ -61,7 +61,6 @@ impl Occlusion {
             sun,
         }
     }
-    /// Shadow of the body in camera axes.
     pub(super) fn shadow(&self, view: &CameraMotion) -> Shadow {
         Shadow {
             body: self.body,
@@ -69,8 +68,7 @@ impl Occlusion {
             sun: (view.camera_from_world * self.sun).0,
         }
     }
-    /// Whether a leg crosses a convex quadrilateral at unit distance, whose corners are clockwise as in
-    /// [`super::tag`].
+    /// Whether a leg crosses a convex quadrilateral at unit distance, whose corners are clockwise as in [`super::tag`].
     pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
         self.legs.iter().any(|(at, radius)| {
             (0..4).all(|k| {

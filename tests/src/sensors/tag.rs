@@ -20,9 +20,8 @@
 //! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! `m0` is 16 grey levels, the detector's minimum margin before its sharpening by a quarter; `m1` is 0.5: all
-//! images are decoded at `c/2` of 17, none at 9. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9, `k`
-//! 1.05.
+//! `m0` is 16 grey levels, the detector's minimum margin before its sharpening by a quarter; `m1` is 0.5: all images
+//! are decoded at `c/2` of 17, none at 9. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9, `k` 1.05.
 //!
 //! [`super::vision_loss`] models temporary covers of the tag.
 
@@ -63,8 +62,7 @@ config! {
         /// Source: 0.072 on rendered images; larger here because real lenses are imperfectly calibrated and
         /// paint is not flat. The error of the camera's mount is far larger.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
-        /// Standard deviation added (root sum of squares) for tags of at most [`TagConfig::small_width_px`],
-        /// px.
+        /// Standard deviation added (root sum of squares) for tags of at most [`TagConfig::small_width_px`], px.
         /// Source: rendered images, as for the next five keys.
         pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
         /// Width above which `small_sd_px` decreases with the fourth power of the width, px.
@@ -91,9 +89,8 @@ config! {
         /// Source: maximum in the rendered images.
         pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
         /// Minimum distance along the optical axis that is in focus, m.
-        /// Source: circle of confusion `f a (1/d - 1/s)`. A focal length of 320 px, an aperture of 0.7 mm
-        /// (1.9 mm f/2.8) and a focus at 1 m cause a blur of 1.6 px at 0.12 m, a tenth of the smallest tag's
-        /// cell.
+        /// Source: circle of confusion `f a (1/d - 1/s)`. A focal length of 320 px, an aperture of 0.7 mm (1.9 mm
+        /// f/2.8) and a focus at 1 m cause a blur of 1.6 px at 0.12 m, a tenth of the smallest tag's cell.
         pub min_distance_m: f64 = 0.12, in 0.01..=100.0;
         /// Exposure, s.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
@@ -235,8 +232,7 @@ impl SimulatedTagDetector {
         let setting = self.converged_setting(&shown);
         let detected: Vec<DetectedTag> = (0..self.tags.len())
             .filter_map(|k| {
-                // Drawn even without a detection, so that planners experience the same noise at the same
-                // time.
+                // Drawn even without a detection, so that planners experience the same noise at the same time.
                 let noise: [Vector2<f64>; 4] =
                     core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
                 let luck = self.read.uniform();
@@ -288,8 +284,7 @@ impl SimulatedTagDetector {
             }
         }
         if let Some(drone) = &self.occlusion {
-            // The shadow is far larger than a small tag, and far away while a larger tag is completely in the
-            // image.
+            // The shadow is far larger than a small tag, and far away while a larger tag is completely in the image.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
             // At night light comes from all directions.

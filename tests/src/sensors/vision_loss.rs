@@ -35,8 +35,7 @@ config! {
         /// Chosen: one or two rolls of the deck move the object away.
         pub cover_duration_s: f64 = 3.0, in 0.0..=600.0;
         /// Probability that a frame is decoded although part of the tag is covered.
-        /// Chosen: the detector corrects one wrong bit of 36, and in some frames decodes the tag despite a
-        /// thin rope.
+        /// Chosen: the detector corrects one wrong bit of 36, and in some frames decodes the tag despite a thin rope.
         pub cover_chance: f64 = 0.3, in 0.0..=1.0;
     }
 }

@@ -30,8 +30,7 @@ pub struct EstimatorRun {
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Predictions with the (fractional) tick of their first stage.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// For each prediction: the filter's mean water level (positive down, m), and the deviations of the
-    /// stages.
+    /// For each prediction: the filter's mean water level (positive down, m), and the deviations of the stages.
     pub levels: Vec<(f64, StageDeviations)>,
     pub confidence: f32,
 }

@@ -31,7 +31,6 @@ pub struct FleetReport {
     pub descents: u32,
     pub stops: u32,
     pub outages: u32,
-    /// Number of times that the crew closed the deck.
     pub closures: u32,
     /// Number of times that a second drone descended below the waiting height.
     pub two_below: u32,

@@ -52,9 +52,8 @@ pub struct SplittingRun {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingEstimate {
     pub probability: f64,
-    /// Student's 95 % interval over the runs; starts at 0 with one run. Its upper end is at least the bound
-    /// from the last populations alone (Clopper and Pearson 1934). Coverage is lower with few runs of a rare
-    /// event.
+    /// Student's 95 % interval over the runs; starts at 0 with one run. Its upper end is at least the bound from the
+    /// last populations alone (Clopper and Pearson 1934). Coverage is lower with few runs of a rare event.
     pub interval: [f64; 2],
     pub landings: usize,
     pub runs: Vec<SplittingRun>,

@@ -1,4 +1,3 @@
-
 use alight_shared::estimation::quantile;
 use serde::Serialize;
 
@@ -78,8 +77,7 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     high
 }
 
-/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None without
-/// values.
+/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None without values.
 pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
     // Quantiles by degrees of freedom, from 1.
     const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
@@ -166,7 +164,6 @@ fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) ->
     counts
 }
 
-/// Replaces each number and its sign by `N`.
 fn without_numbers(text: &str) -> String {
     let is_figure = |part: &str| {
         let digits = part.trim_start_matches(['-', '+']);
@@ -222,8 +219,7 @@ pub struct OddsBin {
     pub interval: (f64, f64),
 }
 
-/// Distance from the deck's centre above which a drone has left the deck, m: half the default deck's
-/// diagonal.
+/// Distance from the deck's centre above which a drone has left the deck, m: half the default deck's diagonal.
 const LEFT_M: f64 = 1.5;
 
 /// `all` has each predicted probability, and whether the event occurred.

@@ -30,7 +30,6 @@ fn on_heading(scenario: &Scenario, heading_deg: f64) -> Scenario {
     scenario
 }
 
-/// The vessel's node after `seconds` on one heading.
 fn node_after(
     scenario: &Scenario,
     nodes: &NodeConfigs,

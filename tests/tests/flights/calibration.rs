@@ -132,7 +132,6 @@ impl WorldObserver for Recorder {
     }
 }
 
-/// Calibration from a recording that lasts `seconds`.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;

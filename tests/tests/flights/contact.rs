@@ -48,7 +48,6 @@ impl Flown {
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = at_sea("0.5,5");
-    // The test begins above the deck.
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
     scenario.drone.autopilot.firmware = firmware;
     scenario

@@ -21,7 +21,6 @@ fn pair(seed: u64) -> (Rig, usize, usize) {
     let first = fleet.using_the_deck()[0];
     (fleet, first, 1 - first)
 }
-/// Configuration in which drones must reserve the deck.
 fn reserving() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;

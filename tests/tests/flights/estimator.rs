@@ -37,9 +37,8 @@ fn estimate_and_prediction_accuracy() {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
     }
-    // Errors per axis, with the limits of Procházka 2024. The sensor limits the position: a bias of 1 m with
-    // a correlation time of 300 s changes by 0.08 m per second, with 0.3 m of white noise at 10 Hz: sqrt(q r)
-    // = 0.088 m.
+    // Errors per axis, with the limits of Procházka 2024. The sensor limits the position: a bias of 1 m with a
+    // correlation time of 300 s changes by 0.08 m per second, with 0.3 m of white noise at 10 Hz: sqrt(q r) = 0.088 m.
     let errors = state_errors(&runs);
     let names = ["position", "attitude", "velocity", "rates"];
     for ((e, limit), name) in errors
@@ -67,9 +66,8 @@ fn estimate_and_prediction_accuracy() {
     }
 }
 
-/// Without sideways coupling, the hull leaves the water on the steepest waves and slams. Tilt harmonics must
-/// not limit the identification to half a minute, which is too short to separate waves this close in
-/// frequency.
+/// Without sideways coupling, the hull leaves the water on the steepest waves and slams. Tilt harmonics must not limit
+/// the identification to half a minute, which is too short to separate waves this close in frequency.
 #[test]
 fn estimate_of_a_slamming_hull() {
     let mut scenario = at_sea("0.8,5");
@@ -80,15 +78,13 @@ fn estimate_of_a_slamming_hull() {
         assert!(r.confidence > 0.5, "seed {seed}: {}", r.confidence);
         runs.push(r);
     }
-    // The errors were 1.7 deg and 0.25 m/s when slamming was rejected and late fixes were rolled back through
-    // it.
+    // The errors were 1.7 deg and 0.25 m/s when slamming was rejected and late fixes were rolled back through it.
     let errors = state_errors(&runs).per_axis;
     assert!(errors[1].to_degrees() < 0.7, "attitude: {} rad", errors[1]);
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// Prediction over 1 s for a hull that does not follow the waves, in waves steeper than any sum of
-/// components.
+/// Prediction over 1 s for a hull that does not follow the waves, in waves steeper than any sum of components.
 #[test]
 fn prediction_in_steep_waves() {
     let mut scenario = at_sea("0.8,5");

@@ -48,8 +48,7 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     }
 }
 
-/// Number of landings on the drone's own deck at this distance between the boats; none may descend to the
-/// other deck.
+/// Number of landings on the drone's own deck at this distance between the boats; none may descend to the other deck.
 fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
     let mut landed = 0;
     for seed in seeds {

@@ -16,7 +16,6 @@ const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
 ];
 
-/// Vessel at this speed (m/s), with the installer's configuration.
 fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea("0.4,5");
     scenario.keep_out_m = KEEP_OUT_M.to_vec();

@@ -97,8 +97,7 @@ fn tags_lost_for_good_low_over_the_deck() {
         );
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare has no vision: with the moving base a position arrives every quarter of a second, without it
-    // none.
+    // The flare has no vision: with the moving base a position arrives every quarter of a second, without it none.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }

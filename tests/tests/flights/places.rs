@@ -1,6 +1,5 @@
-//! Landings at four places on Earth, using the bytes of all devices. No configuration contains a frame's
-//! origin: the vessel's is at its first fix, the drone's where its autopilot was switched on, up to 2 km
-//! away.
+//! Landings at four places on Earth, using the bytes of all devices. No configuration contains a frame's origin: the
+//! vessel's is at its first fix, the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
@@ -114,8 +113,7 @@ fn vessel_height_without_the_geoid() {
     assert_eq!(landed_low, 3);
 }
 
-/// The drone's receiver reports no heights above the ellipsoid; the geoid table, 55 m here, supplies the
-/// difference.
+/// The drone's receiver reports no heights above the ellipsoid; the geoid table, 55 m here, supplies the difference.
 #[test]
 fn drone_without_ellipsoid_height() {
     let mut scenario = scene(2);

@@ -178,8 +178,7 @@ fn review_of_a_recorded_platform() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // The deck rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported
-        // error shows.
+        // The deck rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }
@@ -187,8 +186,7 @@ fn review_of_a_recorded_platform() {
 
 #[test]
 fn review_of_quantities_on_rows_of_their_own() {
-    // A boat in a figure of eight for 100 s, from canboat/canboat, samples/ (Apache-2.0), with shifted
-    // longitude.
+    // A boat in a figure of eight for 100 s, from canboat/canboat, samples/ (Apache-2.0), with shifted longitude.
     let recorded = log::read(
         include_bytes!("data/figure-of-eight.csv"),
         "eight",

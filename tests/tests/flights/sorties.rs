@@ -130,8 +130,7 @@ fn sortie_ended_out_of_radio_range() {
     lands(&mut rig, 200.0);
 }
 
-/// A companion computer that reboots during a sortie resumes it: the drone returns after the autopilot's own
-/// mission.
+/// A companion computer that reboots during a sortie resumes it: the drone returns after the autopilot's own mission.
 #[test]
 fn sortie_after_a_reboot() {
     let mut rig = on_its_mission(Firmware::ArduCopter, 82, 60.0, false);
@@ -157,8 +156,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
-    // The missions of the two autopilots are not coordinated, so each drone flies on the side of its waiting
-    // place.
+    // The missions of the two autopilots are not coordinated, so each drone flies on the side of its waiting place.
     (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
     // The first drone takes off; the second lands from the air and stays.
     rig.world.command_to(0, CommandKind::TakeOff);

@@ -54,7 +54,6 @@ fn storms_drawn_by_seed() {
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
-/// Storm in a slight sea without faults.
 fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
     // Draws until the scene suits the kind of flight.
     let mut drawn = (1..100).map(|seed| Storm::drawn(seed, 0));

@@ -26,7 +26,6 @@ struct ForecastSample {
     forecast: DeckForecast,
 }
 
-/// Data collected from the warm-up on.
 #[derive(Default)]
 struct PredictorFlight {
     /// Error of the drone's odometry, whose frame the forecast uses, at each tick.

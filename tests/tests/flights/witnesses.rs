@@ -41,7 +41,6 @@ fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig
     }
 }
 
-/// Without faults no contradiction is reported.
 #[test]
 fn witnesses_that_agree_in_a_sound_world() {
     let mut failed = Vec::new();

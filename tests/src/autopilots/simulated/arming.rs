@@ -9,7 +9,6 @@ use alight_uav::autopilot::modes::Firmware;
 
 use super::SimulatedAutopilot;
 
-/// Misalignment of the two inertial sensors, rad.
 const MISALIGNED_RAD: f64 = 0.035;
 /// Rotation rate above which a gyro calibration fails, rad/s (0.5 deg/s).
 const CALIBRATES_RPS: f64 = 0.009;

@@ -52,8 +52,7 @@ struct ControlMode {
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
-    /// Whether position control is active at `now`; `positions` is true if the current set-points are
-    /// positions.
+    /// Whether position control is active at `now`; `positions` is true if the current set-points are positions.
     fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
@@ -465,8 +464,7 @@ impl SimulatedFlight {
             self.enter(hold, estimate);
         }
     }
-    /// Precision landing: moves the hold point towards a fresh landing target at a speed proportional to the
-    /// distance.
+    /// Precision landing: moves the hold point towards a fresh landing target at a speed proportional to the distance.
     fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
         let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
             return;
@@ -505,8 +503,7 @@ impl SimulatedFlight {
             && e.velocity.xy().norm() < 0.5
             && e.rates.norm() < 0.35;
         self.still_s = if quiet { self.still_s + dt } else { 0.0 };
-        // ArduCopter stays landed until the throttle exceeds half the hover throttle
-        // (`get_non_takeoff_throttle`).
+        // ArduCopter stays landed until the throttle exceeds half the hover throttle (`get_non_takeoff_throttle`).
         let stays = self.firmware() == Firmware::ArduCopter
             && self.landed == LandedState::OnGround
             && self.target.thrust <= 0.5 * self.hover_thrust;

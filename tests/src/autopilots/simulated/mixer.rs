@@ -3,8 +3,7 @@
 
 use crate::physics::drone::{MAX_ROTORS, RotorFrame};
 
-/// Maximum excess over a rotor's range that yaw may cause; at the upper end, the thrust is reduced to make
-/// room.
+/// Maximum excess over a rotor's range that yaw may cause; at the upper end, the thrust is reduced to make room.
 const YAW_MARGIN: f64 = 0.15;
 const ROUNDING: f64 = 1e-9;
 
@@ -79,9 +78,8 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     out
 }
 
-/// Moves `out` along `axis` into the range from 0 to `most`, in two passes, the second with half the gain;
-/// `forward` forbids negative moves. Rotors that the axis does not drive (two of a hexarotor in pitch) stay
-/// saturated.
+/// Moves `out` along `axis` into the range from 0 to `most`, in two passes, the second with half the gain; `forward`
+/// forbids negative moves. Rotors that the axis does not drive (two of a hexarotor in pitch) stay saturated.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);

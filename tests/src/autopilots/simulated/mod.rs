@@ -1,11 +1,10 @@
 //! The simulated autopilot for trials, tests and live landings. It imitates PX4 or ArduCopter: it exchanges
 //! MAVLink messages, and commands the rotors from an imperfect estimate of the drone's true motion.
 //!
-//! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and
-//! reports. [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`]
-//! modes, failsafes, position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the
-//! inner loops; [`spool`] the motors after arming; [`estimator`] the sensors; [`alignment`] the start-up;
-//! [`arming`] the arming checks.
+//! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and reports.
+//! [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`] modes, failsafes,
+//! position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the inner loops; [`spool`] the
+//! motors after arming; [`estimator`] the sensors; [`alignment`] the start-up; [`arming`] the arming checks.
 
 mod alignment;
 mod arming;
@@ -73,7 +72,6 @@ pub struct SimulatedAutopilot {
     /// Parameters by name; requests for any other parameter remain unanswered.
     pub parameters: BTreeMap<&'static str, f64>,
     pub range_limits_m: [f64; 2],
-    /// Newest reading, and its time of measurement.
     range: Option<(Time<TrueTime>, RangeSample)>,
     pub resets: u8,
     /// True charge of the battery, 0 to 1.
@@ -84,7 +82,6 @@ pub struct SimulatedAutopilot {
     /// Fault: gauge and voltage freeze at the first value, or toggle between it and a value that is higher by
     /// the second.
     pub battery_report: Option<[f64; 2]>,
-    /// Fault: the autopilot sends nothing.
     pub silent: bool,
     /// Fault: every command is answered with this result and not executed.
     pub answer: Option<CommandResult>,
@@ -99,9 +96,7 @@ pub struct SimulatedAutopilot {
     pub no_origin: bool,
     /// Channels of the remote control, us; None: no receiver.
     pub channels: Option<[u16; 18]>,
-    /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
-    /// Fault: the ground station's heartbeats have stopped.
     pub data_link_lost: bool,
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
     pub set_points: u32,
@@ -363,7 +358,6 @@ impl SimulatedAutopilot {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()
     }
-    /// Whether the active mode is OFFBOARD (GUIDED).
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard
     }

@@ -1,4 +1,3 @@
-
 use alight_shared::msg::AutopilotMode;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 

@@ -7,9 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::own_mission::COMPLETE;
 use nalgebra::Vector3;
 
-/// Speed between waypoints, m/s.
 const SPEED_MPS: f64 = 5.0;
-/// Distance within which a waypoint is reached, m.
 const REACHED_M: f64 = 2.0;
 
 #[derive(Clone, Debug, Default)]
@@ -69,8 +67,7 @@ impl OwnFlight {
     pub(super) fn reached(&mut self) -> Option<u16> {
         self.reached.take()
     }
-    /// Fields of `MISSION_CURRENT`: number of items, and state; `flies` is true while the mission's mode is
-    /// active.
+    /// Fields of `MISSION_CURRENT`: number of items, and state; `flies` is true while the mission's mode is active.
     pub(super) fn report(&self, flies: bool) -> (u16, u8) {
         let total = match self.items.len() {
             0 => u16::MAX,

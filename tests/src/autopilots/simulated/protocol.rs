@@ -1,5 +1,4 @@
-//! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced
-//! disarm.
+//! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced disarm.
 
 use std::collections::BTreeMap;
 
@@ -136,8 +135,7 @@ impl SimulatedAutopilot {
             .metres_per_map_metre(self.firmware().map_radius_m());
         Vector3::new(north, east, 1.0)
     }
-    /// Position that the firmware reports for a true position (m): relative to its origin, on a spherical
-    /// Earth.
+    /// Position that the firmware reports for a true position (m): relative to its origin, on a spherical Earth.
     fn on_map(&self, position: &Vector3<f64>) -> Vector3<f64> {
         let at = self
             .place
@@ -145,7 +143,6 @@ impl SimulatedAutopilot {
         let local = at.map_or(*position, |at| self.ellipsoid_origin().to::<DroneNed>(&at).0);
         local.component_div(&self.map_scale())
     }
-    /// Inverse of `on_map`.
     fn off_map(&self, reported: &Vector3<f64>) -> Vector3<f64> {
         let local = reported.component_mul(&self.map_scale());
         self.place.map_or(local, |place| {

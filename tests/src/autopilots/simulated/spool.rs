@@ -4,9 +4,7 @@
 //! in 0.5 s, and the requested output one report later. Until then `ATTITUDE_TARGET` has zero thrust and the
 //! landed state is "on ground". PX4's motors respond immediately.
 
-/// ARMING_DELAY_SEC, s.
 const ARMING_DELAY_S: f64 = 2.0;
-/// MOT_SPOOL_TIME, s.
 const SPOOL_S: f64 = 0.5;
 /// Pulse widths of a motor: off, idle, full thrust, us.
 pub(super) const PULSE_OFF_US: f64 = 1000.0;

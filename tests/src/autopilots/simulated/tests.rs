@@ -24,7 +24,6 @@ fn ideal(firmware: Firmware) -> DroneConfig {
     c
 }
 
-/// Drone with its autopilot above a deck at rest.
 struct Flown {
     drone: SimulatedDrone,
     a: SimulatedAutopilot,
@@ -60,7 +59,6 @@ impl Flown {
             impacts: Vec::new(),
         }
     }
-    /// Drone in OFFBOARD with set-points that hold its position.
     fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let mut f = Flown::new(c, seed, position);
         f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));

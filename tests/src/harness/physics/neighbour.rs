@@ -21,8 +21,7 @@ pub(super) struct Neighbour {
 }
 
 impl Neighbour {
-    /// Places the neighbour at the scenario's distance, in a random direction drawn from the stream
-    /// `neighbour`.
+    /// Places the neighbour at the scenario's distance, in a random direction drawn from the stream `neighbour`.
     pub(super) fn new(
         scenario: &Scenario,
         sea: &Sea,

@@ -17,8 +17,7 @@ config! {
         pub on: bool = false;
         /// Maximum ratio of the true to the stated noise of every sensor; drawn log-uniformly between its
         /// inverse and itself.
-        /// Chosen: data sheets state typical values; vibration, sky view and mounting change them by about
-        /// half.
+        /// Chosen: data sheets state typical values; vibration, sky view and mounting change them by about half.
         pub noise_ratio: f64 = 1.5, in 1.0..=10.0;
         /// Bound of the relative error of the drone's moments of inertia, per axis.
         /// Chosen: a bifilar pendulum is accurate to a few per cent, a sum over parts to 10 or 20 per cent.
@@ -35,8 +34,7 @@ config! {
         /// Standard deviation of each tag's position relative to the printed layout, per axis, m.
         /// Chosen: sheets placed along printed lines.
         pub tag_place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Standard deviation of the position of the deck's centre and tags relative to the measured one, per
-        /// axis, m.
+        /// Standard deviation of the position of the deck's centre and tags relative to the measured one, per axis, m.
         /// Chosen: measured with a tape over a boat's length.
         pub deck_sd_m: f64 = 0.015, in 0.0..=0.5;
         /// Bound of the relative error of the tag's side.
@@ -122,8 +120,7 @@ impl Scenario {
         world
     }
 
-    /// Shifts all tags by `moved` and each tag by a small random offset; scales them relative to the nodes'
-    /// size.
+    /// Shifts all tags by `moved` and each tag by a small random offset; scales them relative to the nodes' size.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
         let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
         draws.vary("tag-side", &mut scale, c.tag_error);

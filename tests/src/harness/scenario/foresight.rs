@@ -1,4 +1,3 @@
-
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 

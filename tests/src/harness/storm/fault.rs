@@ -122,8 +122,7 @@ impl Fault {
         let lasts_s = shortest + (longest - shortest) * noise.uniform();
         Fault::new(kind, moment, after_s, lasts_s)
     }
-    /// Checks the ranges; `longest_s` is the maximum duration. The error names the value that is out of
-    /// range.
+    /// Checks the ranges; `longest_s` is the maximum duration. The error names the value that is out of range.
     pub(crate) fn check_all(faults: &[Fault], at: &Keys<'_>, longest_s: f64) -> Result<(), ConfigError> {
         for fault in faults {
             let at = at.table(fault.kind.name());

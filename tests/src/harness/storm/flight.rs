@@ -30,8 +30,7 @@ const GIVEN_UP_S: f64 = 20.0;
 /// Maximum age of a descent that may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
-/// Charge given to a drone that waits in OFFBOARD (GUIDED), above the level at which the operator must
-/// decide.
+/// Charge given to a drone that waits in OFFBOARD (GUIDED), above the level at which the operator must decide.
 const RUNS_LOW: f64 = 0.01;
 /// Maximum time from setting that charge to the rest on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
@@ -57,7 +56,6 @@ pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, Setu
     fly_mutant(storm, None, show)
 }
 
-/// `mutant` is the defect of the drone's nodes.
 pub fn fly_mutant(
     storm: &Storm,
     mutant: Option<Mutant>,
@@ -214,7 +212,6 @@ impl Run {
         }
     }
 
-    /// First rule broken in this tick.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
         let scene = StormScene {
@@ -275,7 +272,6 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// `ordered_s` is the time of the last order.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let newest_s = began().map(|(f, at)| {

@@ -8,7 +8,6 @@ use serde::{Deserialize, Serialize};
 /// Capability that the drone loses by a fault, which excuses rules for that time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// All rules hold.
     Nothing,
     /// Set-points are lost: the autopilot holds a fixed position, and the deck may rise into the drone.
     Command,
@@ -21,7 +20,6 @@ pub struct Spec {
     /// Quantity and unit of the size.
     pub of: &'static str,
     pub size: [f64; 2],
-    /// Range of drawn durations, s.
     pub lasts_s: [f64; 2],
     pub takes: Takes,
 }
@@ -117,8 +115,7 @@ const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
     (FaultKind::VesselFrozen, ProcessKind::Vessel, Freezes),
 ];
 
-/// Passes the kinds to a macro with the columns name, meaning of the size, size, duration, lost capability,
-/// effect.
+/// Passes the kinds to a macro with the columns name, meaning of the size, size, duration, lost capability, effect.
 #[rustfmt::skip]
 macro_rules! each_kind { ($with:ident) => { $with! {
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
@@ -226,7 +223,6 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.push[3] += size);
     VesselTurns, "vessel-turns", "Nm", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[5] += size);
-    /// A force pushes the vessel ahead or astern.
     VesselPushed, "vessel-pushed", "N", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[0] += size);
     /// A wake excites roll with a period of 2.5 s.
@@ -325,12 +321,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The operator commands a drone that does not exist.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
-    /// The deck's sensor reports an obstacle.
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
-    /// The drone receives no corrections from the moving base.
     CorrectionsLost, "corrections-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.moving_base.corrections_lost = true);
     FixLost, "fix-lost", "", NONE, WRONG, Nothing,

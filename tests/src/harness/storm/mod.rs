@@ -1,7 +1,6 @@
-//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and
-//! rules that must hold in every tick ([`watch`]). Each fault has a kind, a size, a duration, and a start,
-//! given as a delay after the mission enters a state. The shortest list of faults that still breaks a rule
-//! ([`shrink`]) becomes a test.
+//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and rules that
+//! must hold in every tick ([`watch`]). Each fault has a kind, a size, a duration, and a start, given as a delay after
+//! the mission enters a state. The shortest list of faults that still breaks a rule ([`shrink`]) becomes a test.
 //!
 //! Source: Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed omits kinds).
 
@@ -92,7 +91,6 @@ impl Storm {
         storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
     }
-    /// Writes TOML for [`Storm::read`].
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }

@@ -40,7 +40,6 @@ const BY_MAVLINK: [(FaultKind, u16); 3] = [
 enum Step {
     #[default]
     Begins,
-    /// The crew has cleared the deck for a take-off.
     Cleared,
     TakesOff,
     Away,
@@ -139,8 +138,7 @@ impl People {
         waiting.is_empty().then_some(Step::Lands)
     }
 
-    /// Continues after a take-off that reached its final hold; repeats the order if the take-off ended on the
-    /// deck.
+    /// Continues after a take-off that reached its final hold; repeats the order if the take-off ended on the deck.
     fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
         if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
             return match self.flight {

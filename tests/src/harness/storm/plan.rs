@@ -1,5 +1,4 @@
-//! Kinds of flight in a storm: the drone's start, the nodes' permissions, and the states in which faults
-//! begin.
+//! Kinds of flight in a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
@@ -182,7 +181,6 @@ impl FlightKind {
         }
     }
 
-    /// Adapts a landing's scenario and node configurations.
     pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}

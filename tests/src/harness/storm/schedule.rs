@@ -44,7 +44,6 @@ impl FaultTimer {
     }
 }
 
-/// A fault in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
     /// At the fault's start, an abort or take-over stopped an operation.
@@ -90,8 +89,7 @@ impl Schedule {
         };
         Schedule(faults.iter().map(pending).collect())
     }
-    /// Begins and ends faults before a tick, and applies the active ones. Does not touch the world without
-    /// faults.
+    /// Begins and ends faults before a tick, and applies the active ones. Does not touch the world without faults.
     pub fn act(&mut self, rig: &mut Rig) {
         for scheduled in &mut self.0 {
             scheduled.step(rig, |_, _| false);

@@ -1,5 +1,4 @@
-//! Finds the shortest list that still breaks the same rule by omitting faults, then halving sizes and
-//! durations.
+//! Finds the shortest list that still breaks the same rule by omitting faults, then halving sizes and durations.
 
 use super::Storm;
 use super::watch::StormRule;

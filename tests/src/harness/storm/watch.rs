@@ -67,7 +67,6 @@ pub enum StormRule {
     /// The battery ran empty in the air although faults had left enough charge for a landing.
     BatterySpent,
     Collision,
-    /// Armed on the deck without a report.
     StillArmed,
     NotFinite,
     /// Neither landed nor waiting for a stated reason, long after the last fault.
@@ -180,7 +179,6 @@ pub struct StormWatch {
 }
 
 impl StormWatch {
-    /// First rule broken by drone `k` in this tick.
     pub fn look(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<Violation> {
         let scene = if k == 0 { *scene } else { scene.of_others() };
         let broken = self
@@ -281,8 +279,7 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // After an abort the operator keeps part of the reserve; after a take-over the landing may use all of
-        // it.
+        // After an abort the operator keeps part of the reserve; after a take-over the landing may use all of it.
         let fraction = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
         // A drone that waits until its battery runs low lands as a last resort.
@@ -296,7 +293,6 @@ impl StormWatch {
         descends.then_some((StormRule::Unordered, t_s - at))
     }
 
-    /// Checks positions and set-points.
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -412,11 +408,10 @@ const fn names_battery(why: ReasonCode) -> bool {
 /// Maximum age of a reported condition, s; a permitted step reports none.
 const REPORTS_S: f64 = 1.0;
 
-/// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting
-/// why it waits; `reported_s` is the time of the last reported condition. A complete report has the condition
-/// for the next step and one of these: the charge, which the status compares with the way to the deck and one
-/// attempt; on a sortie, the time until the drone turns back; an alarm, or a reason that names it; or the
-/// landing place for a low battery.
+/// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting why it
+/// waits; `reported_s` is the time of the last reported condition. A complete report has the condition for the next
+/// step and one of these: the charge, which the status compares with the way to the deck and one attempt; on a sortie,
+/// the time until the drone turns back; an alarm, or a reason that names it; or the landing place for a low battery.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());

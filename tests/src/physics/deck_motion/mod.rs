@@ -1,10 +1,8 @@
-//! Motion of the deck: simulated (vessel, or response table) or prescribed (recorded, or sinusoidal:
-//! [`rocking`]).
+//! Motion of the deck: simulated (vessel, or response table) or prescribed (recorded, or sinusoidal: [`rocking`]).
 //!
-//! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and optionally heave
-//! (positive up), heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic
-//! splines make it twice differentiable, so that velocity, acceleration and rates are consistent with the
-//! motion.
+//! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and optionally heave (positive up),
+//! heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic splines make it twice
+//! differentiable, so that velocity, acceleration and rates are consistent with the motion.
 //!
 //! - The recording describes the deck: the angles rotate it about its centre; surge, sway and heave move that
 //!   centre relative to its position at rest. The vessel's reference point follows rigidly.
@@ -47,8 +45,7 @@ const SEA_STEP_S: f64 = 0.02;
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
 config! {
-    /// A recording and its playback, or sinusoidal rocking. By default a recording is played as is, from its
-    /// start.
+    /// A recording and its playback, or sinusoidal rocking. By default a recording is played as is, from its start.
     pub struct DeckMotionConfig {
         /// CSV file with t_s, roll_deg, pitch_deg and optionally heave_m, heading_deg, surge_m, sway_m; empty
         /// with `rocking`.
@@ -87,7 +84,6 @@ config! {
     }
 }
 
-/// Facts about a recording, checked before the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFacts {
     pub duration_s: f64,
@@ -123,7 +119,6 @@ impl DeckMotionConfig {
     }
 }
 
-/// Source of the deck's motion.
 #[derive(Clone)]
 pub enum DeckCarrier {
     Simulated(Box<Vessel>),
@@ -132,7 +127,6 @@ pub enum DeckCarrier {
 }
 
 impl DeckCarrier {
-    /// The configured recording, or the simulated vessel.
     pub fn new(
         vessel: &VesselConfig,
         motion: Option<&DeckMotionConfig>,

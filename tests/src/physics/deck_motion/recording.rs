@@ -84,7 +84,6 @@ impl Recording {
         Self::parse(&bytes, &path.display().to_string())
     }
 
-    /// `origin` identifies the text in errors.
     pub fn parse(bytes: &[u8], origin: &str) -> Result<Self, DeckMotionError> {
         let whole = |message: String| DeckMotionError::Whole {
             origin: origin.into(),

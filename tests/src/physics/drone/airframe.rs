@@ -15,7 +15,6 @@ pub(crate) struct AirframeMotion {
     pub(crate) velocity: Vector3<f64>,
     /// Rotation NED from body.
     pub(crate) attitude: UnitQuaternion<f64>,
-    /// Body rates, rad/s.
     pub(crate) rates: Vector3<f64>,
 }
 
@@ -43,7 +42,6 @@ impl AirframeMotion {
     }
 }
 
-/// Airframe with true parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Airframe {
     pub(crate) mass: f64,
@@ -160,9 +158,8 @@ impl Airframe {
         (force, moment)
     }
 
-    /// Thrust near the deck relative to free air at equal power, `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett
-    /// 1955, eq. 8), where z is the distance along the rotor's axis to the surface, z >= R/2; 1 if the axis
-    /// misses the deck.
+    /// Thrust near the deck relative to free air at equal power, `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett 1955, eq.
+    /// 8), where z is the distance along the rotor's axis to the surface, z >= R/2; 1 if the axis misses the deck.
     fn ground_effect(
         &self,
         hub: &Vector3<f64>,

@@ -47,9 +47,8 @@ config! {
         /// Source: Ctu-mrs t650.
         pub drag_n_per_mps2: f64 = 0.0995, in 0.0..=10.0;
         /// Quadratic drag of a parked drone with stopped rotors, N/(m/s)².
-        /// Source: sum over the body's parts (Hoerner 1965, sections 3 and 8), in air of 1.225 kg/m³: body
-        /// 0.24 x 0.15 m (1.05), four legs and four arms at an angle, 16 and 25 mm (1.2, cross-flow), motors
-        /// and blades: 0.082 m².
+        /// Source: sum over the body's parts (Hoerner 1965, sections 3 and 8), in air of 1.225 kg/m³: body 0.24 x 0.15
+        /// m (1.05), four legs and four arms at an angle, 16 and 25 mm (1.2, cross-flow), motors and blades: 0.082 m².
         pub parked_drag_n_per_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Radius of a rotor disc, m; 0 disables the ground effect.
         /// Source: 15 inch propeller of the Tarot T650.
@@ -107,8 +106,7 @@ pub enum LossAction {
 config! {
     /// Control loops and failsafes of the autopilot, after PX4 1.16 (parameter names under "Source").
     pub struct AutopilotConfig {
-        /// Imitated firmware: px4 or ardupilot. ardupilot has its own position and velocity gains and no
-        /// `loss_action`.
+        /// Imitated firmware: px4 or ardupilot. ardupilot has its own position and velocity gains and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
         /// Time constant of the response to a tilt set-point, s; if missing, the firmware's. PX4: inverse of
         /// the attitude loop's gain. ArduCopter: time constant of the input shaping (ATC_INPUT_TC).
@@ -165,9 +163,8 @@ config! {
         /// Source: MPC_ACC_DECOUPLE.
         pub decouple_vertical: bool = true;
         /// Time without a set-point until the failsafe acts, s.
-        /// Source: COM_OF_LOSS_T (PX4's default is 1.0). Until the failsafe acts, a drone continues to sink:
-        /// with the pilot process frozen for 2 s in descent or flare, 100 seeds had 11 hard contacts at 0.5
-        /// s, and 3 at 0.25 s.
+        /// Source: COM_OF_LOSS_T (PX4's default is 1.0). Until the failsafe acts, a drone continues to sink: with the
+        /// pilot process frozen for 2 s in descent or flare, 100 seeds had 11 hard contacts at 0.5 s, and 3 at 0.25 s.
         pub loss_after_s: f64 = 0.25, in 0.02..=60.0;
         /// Action of the failsafe.
         /// Source: COM_OBL_RC_ACT.

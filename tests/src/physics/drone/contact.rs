@@ -1,9 +1,8 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
-//! Free flight is integrated in double precision. Rapier runs only near the deck; its result is used only in
-//! sub-steps in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at
-//! the deck's centre and translates with it during a sub-step, so that the deck only rotates and single
-//! precision resolves micrometres.
+//! Free flight is integrated in double precision. Rapier runs only near the deck; its result is used only in sub-steps
+//! in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at the deck's centre
+//! and translates with it during a sub-step, so that the deck only rotates and single precision resolves micrometres.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -36,16 +35,13 @@ pub struct Impact {
     pub position: Point<Deck>,
 }
 
-/// The deck's surface during a sub-step; NED, SI units.
+/// The deck's surface in a sub-step, NED, SI units: centre of the upper surface and rotation NED from deck at
+/// the start, and the velocities over the sub-step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckSpan {
-    /// Centre of the upper surface at the start.
     pub(crate) centre: Vector3<f64>,
-    /// Rotation NED from deck at the start.
     pub(crate) turn: UnitQuaternion<f64>,
-    /// Velocity of the centre over the sub-step.
     pub(crate) velocity: Vector3<f64>,
-    /// Angular velocity over the sub-step, NED.
     pub(crate) spin: Vector3<f64>,
 }
 
@@ -70,7 +66,6 @@ fn pose(position: &Vector3<f64>, q: &UnitQuaternion<f64>) -> Pose {
     Pose::from_parts(to_rapier(position), turn.normalize())
 }
 
-/// Shape and contact history of a part.
 struct PartContact {
     part: Part,
     collider: ColliderHandle,

@@ -47,8 +47,7 @@ impl RotorFrame {
     pub fn count(self) -> usize {
         self.rotors().len()
     }
-    /// Change of each rotor's thrust per unit of roll, pitch and yaw; lift T at (x, y) has the moment (-y T,
-    /// x T).
+    /// Change of each rotor's thrust per unit of roll, pitch and yaw; lift T at (x, y) has the moment (-y T, x T).
     pub(crate) fn axes(self) -> [[f64; MAX_ROTORS]; 3] {
         let mut axes = [[0.0; MAX_ROTORS]; 3];
         for (i, [x, y, sense]) in self.rotors().iter().enumerate() {

@@ -49,7 +49,6 @@ pub struct DroneStart {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// Parts that hit the deck in this tick.
     pub impacts: Vec<Impact>,
     /// Feet that touch the deck at the tick's end (within the last 10 ms): front right, rear left, front
     /// left, rear right.
@@ -81,19 +80,15 @@ pub struct SimulatedDrone {
     specific_force: Vector3<f64>,
 }
 
-/// Truth for a firmware's sensors.
+/// Truth for a firmware's sensors, SI units: position and velocity of the centre of mass in NED, rotation NED
+/// from body, rates and specific force in the body frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     pub at: Time<TrueTime>,
-    /// Centre of mass, NED, m.
     pub position: Vector3<f64>,
-    /// Velocity, NED, m/s.
     pub velocity: Vector3<f64>,
-    /// Rotation NED from body.
     pub attitude: UnitQuaternion<f64>,
-    /// Body rates, rad/s.
     pub rates: Vector3<f64>,
-    /// Specific force, body frame, m/s².
     pub specific_force: Vector3<f64>,
 }
 

@@ -1,4 +1,3 @@
-
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -43,7 +42,6 @@ fn deck_at(position: Vector3<f64>, roll: f64, pitch: f64) -> RigidState<Deck> {
 fn nowhere() -> RigidState<Deck> {
     deck_at(Vector3::new(0.0, 0.0, 500.0), 0.0, 0.0)
 }
-/// One tick from `t` with motors off.
 fn tick(
     w: &mut SimulatedDrone,
     t: f64,

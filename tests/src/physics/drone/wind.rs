@@ -60,12 +60,10 @@ pub(crate) struct OverDeck<'a> {
     pub(crate) reach: [f64; 2],
     /// Half the deck's length and width, m.
     pub(crate) half: [f64; 2],
-    /// Obstacles, each treated as a solid box.
     pub(crate) bodies: &'a [KeepOut],
 }
 
-/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies from obstacles
-/// upwind.
+/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies from obstacles upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedWind {
     /// Direction towards which the mean wind blows (unit vector, NED), and its profile.

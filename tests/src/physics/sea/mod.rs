@@ -232,7 +232,6 @@ impl Sea {
         }
     }
 
-    /// Samples a linear sea at one position.
     fn sample_linear(&self, t: f64, x: Vector2<f64>, depth_m: f64) -> WaterSample {
         let mut w = WaterSample::default();
         for c in &self.components {

@@ -20,8 +20,7 @@ pub enum VesselCourse {
     /// Keeps position within 1.5 m and heading within 12 deg, in limit cycles of thrusters with a dead band.
     /// The seed draws the cycles; thrusters are not simulated.
     StationKeeping,
-    /// Sheers at anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, and the hull moves
-    /// along an arc.
+    /// Sheers at anchor: the bow swings by 20 to 40 deg to either side in 60 to 120 s, and the hull moves along an arc.
     Anchored,
 }
 
@@ -59,8 +58,7 @@ pub struct VesselLoad {
 }
 
 config! {
-    /// Truth model of the vessel: nonlinear, and intentionally different from the model of estimator and
-    /// predictor.
+    /// Truth model of the vessel: nonlinear, and intentionally different from the model of estimator and predictor.
     ///
     /// Defaults: Virtual RobotX WAM-V with both engines (osrf/vrx: mass, inertia, hulls, surge drag, thrust;
     /// sway and yaw drag from its newer set); added mass (with a surge fraction of 0.1) and damping ratios

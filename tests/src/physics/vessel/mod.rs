@@ -3,10 +3,9 @@
 //! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines`
 //! (Fossen 2011, eq. 8.126), where `nu_r = nu - nu_w` and `nu_w` is the water's mean motion over the hulls.
 //!
-//! - Pressure (buoyancy and Froude-Krylov force together): by Gauss' theorem the force on a section of
-//!   submerged volume V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section,
-//!   acting at the centroid of the submerged segment. It is normal to the surface, so waves also push in
-//!   surge and sway.
+//! - Pressure (buoyancy and Froude-Krylov force together): by Gauss' theorem the force on a section of submerged volume
+//!   V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section, acting at the centroid of the
+//!   submerged segment. It is normal to the surface, so waves also push in surge and sway.
 //! - Added mass acts on the acceleration relative to the water, drag on the relative velocity, so that in
 //!   waves much longer than the hull the vessel moves like a particle of the water.
 //!

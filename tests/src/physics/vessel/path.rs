@@ -1,6 +1,5 @@
-//! Mean path of a vessel: position, speed and heading without waves, twice differentiable. Heading and speed
-//! change by a quintic step, or oscillate sinusoidally. Random parameters are drawn from the stream
-//! `vessel/course`.
+//! Mean path of a vessel: position, speed and heading without waves, twice differentiable. Heading and speed change by
+//! a quintic step, or oscillate sinusoidally. Random parameters are drawn from the stream `vessel/course`.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -17,8 +16,7 @@ const TURN_S: f64 = 8.0;
 const TURN_PARTS: usize = 400;
 /// Duration of a speed change, s. Chosen: time constant of a planing boat's surge.
 const SPEED_CHANGE_S: f64 = 5.0;
-/// Maximum delay of a turn or speed change after the first descent, s; the helmsman does not know about the
-/// descent.
+/// Maximum delay of a turn or speed change after the first descent, s; the helmsman does not know about the descent.
 const CHANGE_WITHIN_S: f64 = 4.0;
 /// Longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
@@ -55,7 +53,6 @@ enum Shape {
     Anchored(Sheer),
 }
 
-/// Start of the course's turn or speed change.
 #[derive(Clone, Copy, Debug)]
 struct Begin {
     /// Start, s; infinite until [`Begin::ask`] is called.
@@ -129,8 +126,7 @@ impl MeanPath {
         path
     }
 
-    /// Starts the turn or speed change of the course a random time after `t`, s, unless its start is
-    /// configured.
+    /// Starts the turn or speed change of the course a random time after `t`, s, unless its start is configured.
     pub fn ask_change(&mut self, t: f64) {
         match &mut self.shape {
             Shape::Turns(turns) => turns.begins.ask(t),

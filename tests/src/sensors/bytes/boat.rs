@@ -84,7 +84,6 @@ pub struct Boat {
 }
 
 impl Boat {
-    /// `carries` lists the measurements of each source.
     pub fn new(
         sources: &[SourceConfig],
         carries: Vec<Carries>,
@@ -101,7 +100,6 @@ impl Boat {
             clock,
         }
     }
-    /// Bytes of each device and of the moving base.
     pub fn bytes(&mut self, readings: &Readings, rtcm: &[u8]) -> Vec<Vec<u8>> {
         let own = self.on_own_clock(readings);
         let mut all: Vec<Vec<u8>> = self.devices.iter_mut().map(|d| d.bytes(&own)).collect();

@@ -23,10 +23,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::gnss::VesselGnssConfig;
 
-/// Heartbeat period of a MAVLink source, ns.
 const HEARTBEAT_NS: i64 = 1_000_000_000;
 
-/// Kinds of measurements that a source carries.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Carries {
     pub imu: bool,
@@ -95,7 +93,6 @@ pub struct BoatSensor {
     heading_offset_rad: f64,
     sequence: u8,
     heartbeat_ns: Option<i64>,
-    /// Geoid model of the receiver.
     geoid: LocalGeoid,
 }
 

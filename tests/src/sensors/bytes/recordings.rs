@@ -107,7 +107,6 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
     all
 }
 
-/// Measurements decoded by the vessel's decoder.
 fn received(
     mut decoder: impl SensorDecoder,
     columns: &[Measurement],

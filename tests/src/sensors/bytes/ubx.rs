@@ -13,8 +13,7 @@ const PVT: u8 = 0x07;
 const RELPOSNED: u8 = 0x3c;
 const WEEK_MS: i64 = 7 * 86_400_000;
 
-/// Sync bytes, class, id, length, payload, and two checksum bytes over class to payload (RFC 1145 with 8
-/// bits).
+/// Sync bytes, class, id, length, payload, and two checksum bytes over class to payload (RFC 1145 with 8 bits).
 pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
     let length = (payload.len() as u16).to_le_bytes();
     let mut bytes = vec![0xb5, 0x62, class, id, length[0], length[1]];
@@ -41,8 +40,7 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a 3-D fix: position with its heights above ellipsoid and sea; velocity to north, east, down,
-/// m/s.
+/// NAV-PVT of a 3-D fix: position with its heights above ellipsoid and sea; velocity to north, east, down, m/s.
 pub fn nav_pvt(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),

@@ -131,8 +131,7 @@ impl Renderer {
             }
         });
     }
-    /// Light scattered into each square from the others: `Σ veil(θ) ω E/π`, for light `E` and solid angle
-    /// `ω`.
+    /// Light scattered into each square from the others: `Σ veil(θ) ω E/π`, for light `E` and solid angle `ω`.
     fn own_scatter(&self, light: &[f32], width: usize) -> Vec<f32> {
         let (columns, rows) = (width.div_ceil(SQUARE_PX), light.len().div_ceil(width * SQUARE_PX));
         let height = light.len() / width.max(1);

@@ -1,7 +1,6 @@
-//! Images of deck and sea from the belly camera: perspective, lens distortion, optical and motion blur,
-//! glare, sensor noise. A pixel is the mean of rays that are distributed over its area and the optical blur,
-//! each at its own instant of the exposure. The only data shared with the node that processes the images are
-//! the lens parameters.
+//! Images of deck and sea from the belly camera: perspective, lens distortion, optical and motion blur, glare, sensor
+//! noise. A pixel is the mean of rays that are distributed over its area and the optical blur, each at its own instant
+//! of the exposure. The only data shared with the node that processes the images are the lens parameters.
 
 mod light;
 mod paint;

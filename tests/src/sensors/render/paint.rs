@@ -1,5 +1,4 @@
-//! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of the light from a white
-//! surface.
+//! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of the light from a white surface.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
@@ -40,8 +39,7 @@ impl Painted {
         let on = across.contains(&column) && across.contains(&row);
         on.then(|| self.light(self.white[row as usize][column as usize]))
     }
-    /// Row or column of cells, counted from the upper left corner of the margin; the tag's upper edge is
-    /// forward.
+    /// Row or column of cells, counted from the upper left corner of the margin; the tag's upper edge is forward.
     fn row(&self, x: f32) -> f32 {
         0.5 * CELLS as f32 - (x - self.centre[0]) / self.cell
     }
@@ -132,8 +130,7 @@ impl DeckPaint {
         self.tags.iter_mut().for_each(|tag| tag.light = light);
         self
     }
-    /// Side of the smallest cell that can be decoded at `px` per metre; if none can be decoded, that of the
-    /// largest.
+    /// Side of the smallest cell that can be decoded at `px` per metre; if none can be decoded, that of the largest.
     pub(super) fn min_cell_px(&self, px: f64) -> f64 {
         let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
         let most = cells().fold(0.0, f64::max);

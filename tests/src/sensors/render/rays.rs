@@ -1,4 +1,3 @@
-
 use alight_uav::camera::Lens;
 
 use crate::sensors::noise::Noise;
@@ -95,8 +94,7 @@ impl Rays {
     }
 }
 
-/// A ray: offset within the pixel, px, and time from the middle of the exposure, as a fraction of the
-/// exposure.
+/// A ray: offset within the pixel, px, and time from the middle of the exposure, as a fraction of the exposure.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RaySample {
     pub(super) right: f32,
@@ -124,10 +122,9 @@ impl Pattern {
         let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
         let count = side * side;
         let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
-        // The times of rays are uncorrelated with both directions; otherwise a moving edge would be sharper
-        // on one side. A ray and its mirror image about the pixel's centre are equally far from the middle of
-        // the exposure, on opposite sides; otherwise odd moments of position and time would shift all edges
-        // of a 9 px smear by 0.3 px.
+        // The times of rays are uncorrelated with both directions; otherwise a moving edge would be sharper on one
+        // side. A ray and its mirror image about the pixel's centre are equally far from the middle of the exposure, on
+        // opposite sides; otherwise odd moments of position and time would shift all edges of a 9 px smear by 0.3 px.
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
         for _ in 0..400 {
             let mut order: Vec<usize> = (0..count).collect();

@@ -163,8 +163,7 @@ fn rendered_motion_blur() {
     let pose = setup.node.detect(&image).expect("detected");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
-    // Motion blur of 9 px in various directions; a common shift of all edges would indicate an error in the
-    // renderer.
+    // Motion blur of 9 px in various directions; a common shift of all edges would indicate an error in the renderer.
     let mut sum = Vector3::zeros();
     for k in 0..12 {
         let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();

@@ -9,7 +9,6 @@ fn deck() -> RigidState<Deck> {
 }
 const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
 
-/// Readings of a stationary drone over `ticks` ticks.
 fn watch(
     config: &SensorConfig,
     drone: &RigidState<DroneBody>,

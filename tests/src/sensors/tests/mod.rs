@@ -83,8 +83,7 @@ fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     }
 }
 
-/// Smooth motion in six degrees of freedom; the derivatives are central differences of analytic positions and
-/// angles.
+/// Smooth motion in six degrees of freedom; the derivatives are central differences of analytic positions and angles.
 fn rocking<B>(t: f64) -> RigidState<B> {
     let wave = |t: f64, a: f64, w: f64, p: f64| a * (w * t + p).sin();
     let place = |t: f64| {

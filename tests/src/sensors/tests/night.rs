@@ -115,8 +115,7 @@ fn detection_by_night_in_images_and_model() {
         lamp_cd,
         ..NightConfig::default()
     };
-    // Floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; faint, normal and dazzling lit tags; a
-    // lamp.
+    // Floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; faint, normal and dazzling lit tags; a lamp.
     let conditions = [
         (printed(200.0, 16.0), 4.0),
         (printed(40.0, 16.0), 12.0),

@@ -12,7 +12,6 @@ use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use alight_uav::odometry::OdometryConfig;
 use proptest::prelude::*;
 
-/// Ordinary and extreme numbers.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -10.0..10.0_f64,

@@ -84,10 +84,9 @@ fn thrust_of_a_tilted_drone() {
 }
 
 /// Whether a firmware uses a LANDING_TARGET with a valid position, according to its source code. PX4
-/// (`MavlinkReceiver::handle_message_landing_target`) requires `frame == MAV_FRAME_LOCAL_NED` (1), with the
-/// position relative to the origin. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires `frame ==
-/// MAV_FRAME_BODY_FRD` (12) or, in newer versions, `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, because it
-/// divides by the distance.
+/// (`MavlinkReceiver::handle_message_landing_target`) requires `frame == MAV_FRAME_LOCAL_NED` (1), with the position
+/// relative to the origin. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires `frame == MAV_FRAME_BODY_FRD` (12)
+/// or, in newer versions, `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, because it divides by the distance.
 fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
     match firmware {
         Firmware::Px4 => t.frame.number() == 1,

@@ -96,15 +96,13 @@ fn ground_station_states_and_values() {
     }
 }
 
-/// Command to the companion computer.
 pub(super) fn order(number: u16) -> MavlinkMessage {
     MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 pub(super) const STATION: Address = Address::new(255, 190);
 pub(super) const VEHICLE: u8 = 3;
 
-/// By default an abort is accepted from any sender. Other orders need a signature; a rejection states the
-/// reason.
+/// By default an abort is accepted from any sender. Other orders need a signature; a rejection states the reason.
 #[test]
 fn orders_of_a_link_as_shipped() {
     for firmware in BOTH {
@@ -204,7 +202,6 @@ fn answers_to_another_station() {
     }
 }
 
-/// Configuration that accepts unsigned orders.
 pub(super) fn by_mavlink() -> NodeConfigs {
     NodeConfigs {
         autopilot: config(),

@@ -18,8 +18,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
-/// Lands on two seeds at Moderate over each wire: all landings succeed within 0.15 m of the centre, and none
-/// is unsafe.
+/// Lands on two seeds at Moderate over each wire: all landings succeed within 0.15 m of the centre, and none is unsafe.
 fn lands(firmware: Firmware) {
     for (wire_s, seed) in [0.005, 0.02, 0.04].repeat(2).into_iter().zip(300..) {
         let o = fly(firmware, wire_s, seed);

@@ -62,10 +62,8 @@ pub struct LinkRig {
     pub on_deck: bool,
     pub pilot: Option<PilotControl>,
     pub mission: State,
-    /// Time of entry to that state.
     since: Time<DroneClock>,
     published: State,
-    /// The mission publishes nothing.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
     /// Charge according to the mission, 0 to 1.
@@ -83,7 +81,6 @@ pub struct LinkRig {
     /// Set-points from the link, with their times, s.
     pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
-    /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
     /// The drone must turn back to the vessel.
     pub turns_back: bool,
@@ -96,7 +93,6 @@ pub struct LinkRig {
     pub orders: Vec<Command>,
     pub answers: Vec<(u16, CommandResult)>,
     pub answered: Vec<Address>,
-    /// Parameters of the companion computer.
     pub parameters: Vec<(String, f32)>,
     /// Mission settings from ground stations.
     pub settings: Vec<SettingsOrder>,
@@ -228,7 +224,6 @@ impl LinkRig {
         self.assert_commanding();
     }
 
-    /// Kills the link's process, and restarts it after `away_s`.
     pub fn restart_link(&mut self, away_s: f64) {
         self.link = None;
         self.run(away_s);

@@ -17,7 +17,6 @@ pub(super) fn set(component: u8, name: &str, value: f32) -> MavlinkMessage {
     }
 }
 
-/// Link that has found a disarmed drone.
 fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);

@@ -185,8 +185,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// A link that was restarted, or that follows a disarm, does not repeat an arming that the pilot may have
-/// ended.
+/// A link that was restarted, or that follows a disarm, does not repeat an arming that the pilot may have ended.
 #[test]
 fn arming_that_a_pilot_may_have_ended() {
     for firmware in BOTH {

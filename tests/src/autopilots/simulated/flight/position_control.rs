@@ -1,4 +1,3 @@
-
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 

@@ -1,11 +1,10 @@
 //! Quality of a recording's channels (resolution, noise, held values, clipped peaks), and smoothing to the
 //! bandwidth that this quality permits.
 //!
-//! Differentiating twice turns an error `e` of a sample at the interval `dt` into `e / dt²`: heave in steps
-//! of 1 cm at 100 Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples
-//! within half a window on either side (Savitzky and Golay 1964, for any spacing); its bandwidth is 1.25
-//! divided by the window (Schafer 2011, order 3). The window is the shortest that keeps
-//! [`ACCELERATION_LIMIT`].
+//! Differentiating twice turns an error `e` of a sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm at
+//! 100 Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within half a window
+//! on either side (Savitzky and Golay 1964, for any spacing); its bandwidth is 1.25 divided by the window (Schafer
+//! 2011, order 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
 
 use alight_shared::estimation::median;
 
@@ -29,7 +28,6 @@ pub(super) struct Knots<'a> {
     pub(super) longest: f64,
 }
 
-/// Smooths the channels that need it; returns remarks.
 pub(super) fn smooth(mut knots: Knots<'_>, has: &[bool; CHANNELS]) -> Vec<String> {
     let channels = (0..CHANNELS).filter(|c| has[*c]);
     channels.filter_map(|c| smooth_channel(&mut knots, c)).collect()

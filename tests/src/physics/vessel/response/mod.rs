@@ -1,15 +1,13 @@
 //! Linear seakeeping from a response table, instead of [`crate::physics::vessel::Vessel`].
 //!
 //! Motion about the mean path (amidships at the still-water line, with the mean heading): `xi_d(t) = sum_j
-//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, where
-//! `theta_j` is the phase of wave component j at the mean position (St. Denis and Pierson 1953; Fossen 2011,
-//! section 8.2.5). Under way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U
-//! cos(beta)`, of either sign. The table is for zero speed and is evaluated at the wave's own frequency,
-//! which keeps wavelength and slope correct.
+//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, where `theta_j` is
+//! the phase of wave component j at the mean position (St. Denis and Pierson 1953; Fossen 2011, section 8.2.5). Under
+//! way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U cos(beta)`, of either sign. The
+//! table is for zero speed and is evaluated at the wave's own frequency, which keeps wavelength and slope correct.
 //!
-//! Surge and sway are relative to the mean heading; trim, roll, pitch and yaw are added as Euler angles. In
-//! this module the axes are x forward, y to port, z up; the resulting state is in NED and forward, right,
-//! down.
+//! Surge and sway are relative to the mean heading; trim, roll, pitch and yaw are added as Euler angles. In this module
+//! the axes are x forward, y to port, z up; the resulting state is in NED and forward, right, down.
 
 pub mod places;
 pub mod table;
@@ -55,8 +53,7 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
 
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
-/// Step of the numerical derivatives in a turn: the world's tick, so that two of the three poses are already
-/// known.
+/// Step of the numerical derivatives in a turn: the world's tick, so that two of the three poses are already known.
 const TURN_STEP: Span = Span::from_millis(10);
 
 #[derive(Debug, Error)]
@@ -162,8 +159,7 @@ pub struct ResponseVessel {
 }
 
 impl ResponseVessel {
-    /// Vessel of `hull` at the origin at time zero; the stream `vessel/heading` draws its heading unless
-    /// configured.
+    /// Vessel of `hull` at the origin at time zero; the stream `vessel/heading` draws its heading unless configured.
     pub fn new(
         hull: &HullFiles,
         config: &HullConfig,

@@ -59,7 +59,6 @@ pub struct Places {
 }
 
 impl Places {
-    /// `origin` identifies the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let wrong = |message: String| HullError::Places {
             origin: origin.into(),

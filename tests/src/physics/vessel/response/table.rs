@@ -1,5 +1,4 @@
-//! Response of a hull to waves as a table: complex motion per metre of wave amplitude, by frequency and
-//! direction.
+//! Response of a hull to waves as a table: complex motion per metre of wave amplitude, by frequency and direction.
 //!
 //! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a
 //! exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. A direction is that in which the wave
@@ -69,7 +68,6 @@ pub struct ResponseTable {
 }
 
 impl ResponseTable {
-    /// `origin` identifies the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let at = |line: usize, message: String| HullError::Row {
             origin: origin.into(),
