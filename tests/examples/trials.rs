@@ -33,7 +33,7 @@ fn run() -> Result<bool, String> {
     };
     let (seed0, trials) = (number(seed0)?, number(trials)?);
     let scenario = Scenario {
-        sea: sea.parse().map_err(|e| format!("the sea {sea}: {e}"))?,
+        sea: sea.parse().map_err(|e| format!("sea {sea} is invalid: {e}"))?,
         ..Scenario::default()
     };
     let nodes = NodeConfigs::default();

@@ -44,7 +44,7 @@ config! {
             this.exchange_hz.is_multiple_of(TICKS_HZ) && this.exchange_hz <= 1000,
             "exchange_hz",
             this.exchange_hz,
-            "0, or a multiple of 100 to 1000",
+            "0, or a multiple of 100 up to 1000",
         )?;
         for k in this.outputs {
             at.require(k < 16, "outputs", k, "0 to 15")?;

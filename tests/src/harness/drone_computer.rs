@@ -50,7 +50,7 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// Senders outside the rows: for operators, plans after their solve time, and detections of measurement models.
+/// Senders outside the rows: operators' orders, plans after their solve time, detections of measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,

@@ -322,7 +322,7 @@ impl Judge {
         if !touch.foot {
             self.fail(
                 Ending::Tipped,
-                format!("something other than a foot touched at {normal:.2} m/s"),
+                format!("a part other than a foot touched at {normal:.2} m/s"),
             );
         } else if !touch.on_deck {
             self.fail(

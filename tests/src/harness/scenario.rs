@@ -167,7 +167,7 @@ config! {
                 this.deck_motion.is_none(),
                 "hull",
                 &hull.table,
-                "left out where `deck_motion` is given: one of the two moves the deck",
+                "no table if `deck_motion` is set: only one of the two can move the deck",
             )?;
         }
         if let Some(motion) = &this.deck_motion {

@@ -18,7 +18,7 @@ const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
 const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
 /// Time from a failed attempt to the next, s (longest retry interval of the middleware).
 const RETRY_S: f64 = 0.5;
-/// Keep-alives per lease from a side without messages.
+/// Keep-alives sent per lease by a side that has no messages to send.
 const KEEP_ALIVES: f64 = 4.0;
 /// Size of handshake packets and keep-alives, bytes.
 const SMALL: usize = 80;

@@ -61,7 +61,7 @@ config! {
         /// The vessel's beacon, if any.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub beacon: Option<beacon::BeaconConfig> = None;
-        /// The vessel's GNSS receiver as moving base for the drone's receiver, if it is used as such.
+        /// The vessel's GNSS receiver as moving base for the drone's receiver, if enabled.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub moving_base: Option<moving_base::MovingBaseConfig> = None;
         /// The detector of the deck's tag.

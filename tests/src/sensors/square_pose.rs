@@ -1,4 +1,4 @@
-//! Tests of the errors of the drone camera's pose solver, which the measurement model uses, with the world's noise.
+//! Tests of the drone camera's pose solver, which the measurement model also uses, with simulated corner noise.
 
 pub use alight_uav::camera::square_pose::{DeckPose, DetectedTag, corners, corners_of, solve};
 

@@ -84,7 +84,7 @@ fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> F
 }
 
 #[test]
-#[ignore = "some 35 flights; CI runs them by name"]
+#[ignore = "about 35 flights; CI runs them by name"]
 fn link_killed_around_the_contact() {
     let mut wrong = Vec::new();
     for (odd, firmware) in BOTH.into_iter().enumerate() {

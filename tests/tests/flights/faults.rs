@@ -227,7 +227,7 @@ fn assert_all_safe(cases: &[Case]) {
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
     // Visible with --nocapture.
     println!(
-        "{landed} of {} landed, a little hard: {hard:?}, tilt at most {:.2} deg beyond the command",
+        "{landed} of {} landed, slightly hard: {hard:?}, tilt at most {:.2} deg beyond the command",
         cases.len(),
         tilts.fold(0.0, f64::max)
     );
@@ -239,7 +239,7 @@ fn assert_all_safe(cases: &[Case]) {
     );
     assert!(
         100 * hard.len() <= HARD_PERCENT * cases.len(),
-        "a little hard: {hard:?}"
+        "slightly hard: {hard:?}"
     );
 }
 

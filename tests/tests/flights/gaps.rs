@@ -103,7 +103,7 @@ impl Cell {
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
-            return Some(format!("never came so far: {:?}", rig.visited(0)));
+            return Some(format!("never reached the gap: {:?}", rig.visited(0)));
         }
         let began_s = rig.t_s();
         rig.begin(self.gone, 0.0);
@@ -138,11 +138,11 @@ impl Cell {
         let bad = if stands {
             return None;
         } else if self.order.is_some() && !held {
-            "the order did not act"
+            "the order had no effect"
         } else if low && !matches!(state, State::Descent | State::Flare) {
-            "is left low over the deck"
+            "stays low over the deck"
         } else if state == State::StandDown || state == State::SpinUp {
-            "stands there armed"
+            "stands armed on the deck"
         } else {
             return None;
         };
@@ -180,13 +180,11 @@ impl Watched {
         } else if stops && height_m > AIR_M {
             Some(format!("stopped {height_m:.2} m above the deck"))
         } else if let Some(mps) = hit.filter(|_| !excused) {
-            Some(format!("met the deck at {mps:.2} m/s"))
+            Some(format!("hit the deck at {mps:.2} m/s"))
         } else if since_s > RESUME_S && o.motors_on && height_m > AIR_M && !in_offboard {
-            Some(format!(
-                "{height_m:.1} m above the deck, and follows no set-points"
-            ))
+            Some(format!("follows no set-points {height_m:.1} m above the deck"))
         } else if !restarted && rig.mission(0).entered.code == ReasonCode::Restarted {
-            Some("reports a restart that was none".to_owned())
+            Some("reports a restart that did not happen".to_owned())
         } else {
             None
         };

@@ -270,7 +270,7 @@ fn mutants_by_their_shortest_flights() {
 }
 
 #[test]
-#[ignore = "looks for mutants without a short flight in 300 storms each: half an hour of processor time"]
+#[ignore = "searches 300 storms for each mutant without a short flight: half an hour of processor time"]
 fn every_other_mutant_within_300_storms() {
     let found = |mutant: Mutant| {
         let seeds: Vec<u64> = (1..=300).collect();

@@ -147,7 +147,7 @@ impl SimulatedEstimator {
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
     }
 
-    /// Applies the compass error of the hull's steel at `distance_m` for `dt` (s).
+    /// Applies the compass error caused by the hull's steel at `distance_m` for `dt` (s).
     pub(super) fn near_steel(&mut self, distance_m: f64, dt: f64) {
         let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
         self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);

@@ -179,7 +179,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
     RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.delay_s = size.max(0.0)));
-    RadioJitter, "radio-jitter", "delay up to, s", [0.02, 0.5], [1.0, 30.0], Nothing,
+    RadioJitter, "radio-jitter", "maximum delay, s", [0.02, 0.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.jitter_s = size.max(0.0)));
     RadioDoubled, "radio-doubled", "fraction doubled", [0.2, 1.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.doubled = size));
@@ -271,7 +271,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::InAir));
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
-    StreamStops, "stream-stops", "number of the message", [0.0, 500.0], [0.5, 15.0], Nothing,
+    StreamStops, "stream-stops", "message id", [0.0, 500.0], [0.5, 15.0], Nothing,
         Lasting(|f, size| f.autopilot.muted.push(size as u32));
     AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.silent = true);
@@ -284,7 +284,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
     /// Charge and voltage freeze, or toggle between the frozen value and a higher one.
-    BatteryStuck, "battery-stuck", "toggles by, charge", [-0.02, 0.02], [1.0, 60.0], Nothing,
+    BatteryStuck, "battery-stuck", "charge by which it toggles", [-0.02, 0.02], [1.0, 60.0], Nothing,
         Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
     /// An old or small battery: a full charge lasts for this flight time.
     BatteryAged, "battery-aged", "s", [300.0, 900.0], NONE, Nothing,
@@ -298,7 +298,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
-    PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
+    PayloadDropped, "payload-dropped", "fraction of the weight", [0.03, 0.2], NONE, Nothing,
         Events(|r, size| r.world.lighten(size), nothing);
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));

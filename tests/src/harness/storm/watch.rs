@@ -92,26 +92,34 @@ impl fmt::Display for Violation {
         let state = self.state.name();
         match self.rule {
             StormRule::StopInTheAir => write!(f, "motors stopped {figure:.2} m above the deck"),
-            StormRule::HardContact => write!(f, "met the deck at {figure:.2} m/s"),
-            StormRule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
+            StormRule::HardContact => write!(f, "hit the deck at {figure:.2} m/s"),
+            StormRule::TippedOver => {
+                write!(f, "hit the deck with a part other than a foot at {figure:.2} m/s")
+            }
             StormRule::Water => write!(f, "in the water"),
             StormRule::CarriesLanded => write!(f, "rotors carried the drone for {figure:.1} s on the deck"),
-            StormRule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
+            StormRule::AbortIgnored => write!(f, "an abort had no effect within {figure:.1} s"),
             StormRule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
-            StormRule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
+            StormRule::NotPermitted => {
+                write!(f, "stayed low over the deck for {figure:.1} s without descending")
+            }
             StormRule::KeepOut => write!(f, "{:.2} m inside a keep-out volume", -figure),
             StormRule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
             StormRule::BatterySpent => write!(f, "its battery ran empty {figure:.2} m above the deck"),
-            StormRule::Collision => write!(f, "two drones met"),
+            StormRule::Collision => write!(f, "two drones collided"),
             StormRule::StillArmed => {
-                write!(f, "armed on the deck for {figure:.1} s, and no status reports it")
+                write!(f, "armed on the deck for {figure:.1} s without reporting it")
             }
             StormRule::NotFinite => write!(f, "a set-point was not finite"),
-            StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
-            StormRule::NoLastResort => write!(f, "waited until {:.0} % next to a free deck", 100.0 * figure),
+            StormRule::Stuck => write!(f, "neither landed nor reports a reason to wait"),
+            StormRule::NoLastResort => write!(
+                f,
+                "waited next to a free deck until its battery was at {:.0} %",
+                100.0 * figure
+            ),
             StormRule::WaitsUnreported => write!(
                 f,
-                "waits at {:.0} % of its battery, and reports neither that nor its next step",
+                "waits with its battery at {:.0} % and reports neither that nor its next step",
                 100.0 * figure
             ),
         }?;

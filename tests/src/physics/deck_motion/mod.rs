@@ -69,7 +69,7 @@ config! {
             this.file.as_os_str().is_empty() == this.rocking.is_some(),
             "file",
             this.file.display(),
-            "the path of a CSV file, or nothing and a table `rocking`",
+            "the path of a CSV file, or empty with a table `rocking`",
         )?;
         if let Some(rocking) = &this.rocking {
             rocking.check(&at.table("rocking"))?;
@@ -273,7 +273,7 @@ impl RecordedMotion {
         }
         if steepest > MAX_TILT {
             return Err(whole(format!(
-                "scaled by {} it tilts to {:.1} deg, allowed is 60; lower the scale",
+                "scaled by {}, it tilts to {:.1} deg, allowed is 60; reduce the scale",
                 config.scale,
                 steepest.to_degrees()
             )));
@@ -282,7 +282,7 @@ impl RecordedMotion {
         let duration = splines.range().1;
         if config.start_s >= duration {
             return Err(whole(format!(
-                "a start at {} s is after its end ({duration:.1} s); begin earlier",
+                "the start at {} s is after its end ({duration:.1} s); start earlier",
                 config.start_s
             )));
         }

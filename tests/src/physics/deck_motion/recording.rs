@@ -103,13 +103,13 @@ impl Recording {
         merge_close(&mut t, &mut y, 0.25 * usual);
         if t.len() < rows {
             remarks.push(format!(
-                "{} rows at (nearly) the time of the row above are averaged with it",
+                "{} rows with (nearly) the same time as the row above are averaged with it",
                 rows - t.len()
             ));
         }
         if usual > 1.0 / SLOW_HZ {
             remarks.push(format!(
-                "{:.1} rows a second, below 5: fast deck motion is lost",
+                "{:.1} rows per second, fewer than 5: fast deck motion is lost",
                 1.0 / usual
             ));
         }
@@ -308,7 +308,7 @@ impl Own {
             };
         }
         let mut remarks = vec![format!(
-            "{} has separate rows at {:.1} Hz: interpolated, motion with periods below {:.1} s is lost",
+            "{} has separate rows at {:.1} Hz and is interpolated; motion with periods below {:.1} s is lost",
             self.name,
             1.0 / self.step,
             2.0 * self.step

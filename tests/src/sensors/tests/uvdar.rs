@@ -13,7 +13,7 @@ use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::uvdar::UvdarConfig;
 
 const RANGE_M: f64 = 12.0;
-/// Images per flight; the first, in which codes are still unknown, do not count.
+/// Images per flight. The first images, in which the codes are still unknown, do not count.
 const IMAGES: usize = 80;
 const FIRST: usize = 20;
 

@@ -45,7 +45,7 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if places > 0 {
         let limits: Vec<String> = limits.iter().map(|l| format!("{:.3}", l * factor)).collect();
         notes.push(format!(
-            "clipped at {} {unit} in {places} places, peaks are extrapolated from their flanks",
+            "clipped at {} {unit} in {places} places; peaks are extrapolated from their flanks",
             limits.join(" and ")
         ));
     }

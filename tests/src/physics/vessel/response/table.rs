@@ -87,7 +87,7 @@ impl ResponseTable {
             } else {
                 ""
             };
-            let message = format!("the columns have to be {}{hint}", COLUMNS.join(","));
+            let message = format!("the columns must be {}{hint}", COLUMNS.join(","));
             return Err(at(first, message));
         }
         let mut table = ResponseTable {
@@ -124,7 +124,7 @@ impl ResponseTable {
                     column = 0;
                 }
                 Some(now) => {
-                    let message = format!("omega_radps {omega} follows {now}: it has to ascend");
+                    let message = format!("omega_radps {omega} follows {now}, but must ascend");
                     return Err(at(line, message));
                 }
                 None if omega > 0.0 => table.omega.push(omega),
@@ -142,7 +142,7 @@ impl ResponseTable {
         if table.omega.len() < 2 || column != table.direction.len() {
             return Err(at(
                 last,
-                "the table ends early: two frequencies or more with all directions each are needed".into(),
+                "the table ends early: it needs two or more frequencies, each with all directions".into(),
             ));
         }
         Ok(table)
@@ -174,7 +174,7 @@ impl ResponseTable {
             return Ok(());
         }
         Err(format!(
-            "the frequency above has {} directions; they have to reach from 0 to 180 deg, three or more",
+            "the frequency above has {} directions; three or more are needed, from 0 to 180 deg",
             self.direction.len()
         ))
     }
@@ -234,7 +234,7 @@ fn numbers(row: &str) -> Result<[f64; 14], String> {
     }
     match cells.count() {
         0 => Ok(values),
-        more => Err(format!("{more} values too many: 14 are needed")),
+        more => Err(format!("{more} values too many: exactly 14 are needed")),
     }
 }
 
