@@ -125,7 +125,6 @@ fn micros(t: Time<TrueTime>) -> u64 {
     1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
 }
 
-/// Pressure of the standard atmosphere at a height in metres.
 fn pressure_hpa(height_m: f64) -> f64 {
     SEA_LEVEL_HPA
         * (1.0 - LAPSE_RATE * height_m / SEA_LEVEL_K)

@@ -72,7 +72,6 @@ fn calm() -> Scenario {
     s
 }
 
-/// Flies the plan; `exchange` performs one exchange with the firmware.
 fn fly(
     mut physics: Physics,
     mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; MAX_ROTORS]>,

@@ -7,7 +7,6 @@ use alight_shared::time::Span;
 use alight_uav::planner::law::Law;
 use alight_uav::settings::DroneSettings;
 
-/// Report from a law to the world in which it flies.
 #[derive(Clone, Debug, Default)]
 pub struct LawReport(Arc<Mutex<ReportedLaw>>);
 

@@ -16,7 +16,6 @@ fn at(t: f64) -> Time<DroneClock> {
     Time::from_secs(t)
 }
 
-/// Forecast at `t` of the deck `deck`, with a tag detection `tag_age_s` ago.
 fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
     let mut f = DeckForecast {
         header: Header::new(1, 1, 1, 0, at(t)),

@@ -172,7 +172,6 @@ fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     Row::join(&bus.of(N::KIND), node).ok()
 }
 
-/// Starts a process; the planner gets the law under test.
 fn start(
     rows: &mut DroneRows<LockStep>,
     process: ProcessKind,
@@ -377,7 +376,6 @@ impl SimulatedDroneComputer {
         self.outside.commands.send(&Command { header, kind });
     }
 
-    /// Makes the drone appear in the air, in a pilot's mode.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
         let streams = physics.streams().of_drone(self.k);

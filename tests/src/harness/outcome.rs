@@ -235,7 +235,6 @@ pub struct Judge {
     newest_s: f64,
 }
 
-/// Distance from the deck centre to the feet's centroid, m.
 pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
     let mean = |i: usize| feet.iter().map(|f| f[i]).sum::<f64>() / 4.0;
     mean(0).hypot(mean(1))

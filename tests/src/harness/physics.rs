@@ -253,7 +253,6 @@ impl Physics {
             drone.snag(foot, newton);
         }
     }
-    /// Places a drone on a pad at its scenario's position, with motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
         self.stand_on_pad(k);
@@ -263,7 +262,6 @@ impl Physics {
             drone.stand();
         }
     }
-    /// Simulated autopilot of an airborne drone in a pilot's mode, and its configuration.
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
@@ -294,7 +292,6 @@ impl Physics {
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// Bytes (RTCM 3) that a moving base has delivered by now.
     pub fn vessel_rtcm(&mut self) -> Vec<u8> {
         self.vessel_sensors.rtcm(self.t)
     }

@@ -24,7 +24,6 @@ impl Rig {
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         Rig::observed(scenario, nodes, seed, &mut NoObserver)
     }
-    /// Rig at the start of a flight whose warm-up is shown to an observer.
     pub fn observed(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -45,7 +44,6 @@ impl Rig {
             touched_s: None,
         }
     }
-    /// Rig at the start of a flight, with an order to land.
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         let mut rig = Rig::new(scenario, nodes, seed)?;
         rig.world.command(CommandKind::Land);
@@ -114,7 +112,6 @@ impl Rig {
     pub fn restart_vessel(&mut self) {
         self.world.restart_vessel();
     }
-    /// Simulates a crew that removes a drone and restarts it.
     pub fn restart_drone(&mut self, k: usize) {
         self.world.restart_drone(k);
     }
@@ -142,13 +139,11 @@ impl Rig {
     pub fn moment_s(&self, fault: &Fault) -> Option<f64> {
         fault.moment_s(self.entered(0), self.touched_s)
     }
-    /// Collective thrust command of the drone's autopilot, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(0.0, SimulatedAutopilot::thrust)
     }
-    /// Hover thrust estimate of the drone's autopilot, 0 to 1.
     pub fn hover_thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()

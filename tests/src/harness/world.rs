@@ -169,7 +169,6 @@ impl World {
         self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
-    /// Holds a foot to the deck with this force, N.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         self.physics.snag(k, foot, newton);
     }
@@ -188,7 +187,6 @@ impl World {
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
-    /// Kills the supervisor and all processes of a drone's computer.
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].kill_all();
     }
@@ -212,7 +210,6 @@ impl World {
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
-    /// Adds `by_rad` to the heading error of a drone's autopilot.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
@@ -341,7 +338,6 @@ impl World {
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
-    /// Whether a drone requests that the vessel keep its course and speed.
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();
         self.vessel

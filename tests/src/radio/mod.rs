@@ -170,7 +170,6 @@ impl<T: Clone> SimulatedRadio<T> {
             self.channel.drop_one();
         }
     }
-    /// Packets that have arrived by `t` with their arrival times, in order.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }

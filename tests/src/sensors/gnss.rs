@@ -53,7 +53,6 @@ impl GnssError {
     pub fn bias(&self) -> Vector3<f64> {
         self.bias.value()
     }
-    /// Advances the slow bias by `dt` (s) and returns it.
     pub fn advance(&mut self, dt: f64) -> Vector3<f64> {
         self.bias.step(dt)
     }

@@ -155,7 +155,6 @@ impl VesselSensors {
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
     }
-    /// RTCM 3 bytes of the moving base that have arrived by `t`.
     pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }

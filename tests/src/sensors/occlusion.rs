@@ -14,7 +14,6 @@ const BODY: f64 = 0.4;
 /// Number of points along a leg; their spacing is smaller than its radius.
 const POINTS: usize = 60;
 
-/// Legs and body in camera axes, and direction of the sun.
 #[derive(Clone, Debug)]
 pub struct Occlusion {
     /// Points along the legs in front of the camera, at unit distance: image coordinates, and radius.

@@ -56,7 +56,6 @@ impl<M, C: Clock> Outlet<M, C> {
     pub(crate) fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
         self.schedule.due(t)
     }
-    /// Sends the measurement unless it is dropped or in an outage.
     pub(crate) fn send(
         &mut self,
         t: Time<TrueTime>,

@@ -132,7 +132,6 @@ impl VisionLoss {
 mod tests {
     use super::*;
 
-    /// Whether each of `n` images, taken `step_s` apart, is lost.
     fn lost(config: &VisionLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
         let mut loss = VisionLoss::new(config, &Streams::new(seed));
         (0..n)
@@ -147,7 +146,6 @@ mod tests {
             ..VisionLossConfig::none()
         }
     }
-    /// Fraction of lost images, and mean length of a loss, s.
     fn fraction_and_length(lost: &[bool], step_s: f64) -> (f64, f64) {
         let count = lost.iter().filter(|l| **l).count() as f64;
         let bursts = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;

@@ -22,7 +22,6 @@ pub struct VesselTruth {
 /// Standard deviations at each stage of a prediction: heave about the mean level, m; roll and pitch, rad.
 pub type StageDeviations = Vec<[f64; 3]>;
 
-/// Output of the vessel, and truth from the start of the world.
 #[derive(Clone, Debug)]
 pub struct EstimatorRun {
     pub truth: Vec<VesselTruth>,

@@ -8,7 +8,6 @@ use alight_usv::deck::DeckInputs;
 
 use crate::at_sea;
 
-/// Drones above one deck in a slight sea, all with an order to land.
 fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut scenario = at_sea("slight");
     scenario.drones = drones;

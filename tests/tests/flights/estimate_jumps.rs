@@ -16,7 +16,6 @@ fn scenario(firmware: Firmware) -> Scenario {
     scenario
 }
 
-/// The deck is detected even if the heading is aligned late.
 #[test]
 fn deck_detected_after_a_late_heading() {
     for firmware in BOTH {

@@ -65,7 +65,6 @@ fn forecast_at_10_m_before_a_tag_is_in_view() {
     assert!(with < 0.1 && without > 0.3, "{with} {without}");
 }
 
-/// Landing in which the camera fails permanently during the descent.
 fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
     let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
     let mut blind = false;

@@ -29,7 +29,6 @@ fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
     (scenario, nodes)
 }
 
-/// Landings on the simulated hull and two others, for all seeds.
 fn pooled(seeds: core::ops::Range<u64>, night: NightConfig) -> Vec<Outcome> {
     let hulls = [None, Some(HULLS[1]), Some(HULLS[2])];
     let worlds = hulls.map(|hull| at_night(hull, night));

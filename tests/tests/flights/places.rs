@@ -21,7 +21,6 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// Event at a delay (s) after entry to a state.
 struct Event {
     state: State,
     after_s: f64,

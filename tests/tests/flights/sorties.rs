@@ -31,7 +31,6 @@ fn charge(rig: &mut Rig, k: usize, to: f64) {
         linked.autopilot.battery = to;
     }
 }
-/// Runs with the charger until `done`; returns false if `limit_s` passes first.
 fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
     let mut ended = false;
     rig.each(limit_s, |rig| {
@@ -97,7 +96,6 @@ fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) ->
     assert!(autopilot.choose(own_mission_mode(firmware)));
     rig
 }
-/// Asserts a landing within `limit_s` in which only the feet touch.
 fn lands(rig: &mut Rig, limit_s: f64) {
     let (landed, met) = until(rig, limit_s, State::Landed);
     let context = format!("{:?}, {}", rig.visited(0), rig.mission(0).waiting);

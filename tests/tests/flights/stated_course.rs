@@ -14,7 +14,6 @@ fn tracking() -> Rig {
     assert!(reaches(&mut rig, 60.0, State::Tracking));
     rig
 }
-/// Flies until the drone is in `state`; returns false if `limit_s` passes first.
 fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
     rig.until(limit_s, |rig| rig.state(0) == state)
 }

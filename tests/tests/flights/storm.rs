@@ -128,7 +128,6 @@ fn fault_at_the_second_landing() {
     assert!(landed.len() == 2 && f.began[0].2 > landed[1], "{f:?}");
 }
 
-/// Storm with PX4 in a slight sea, on a boat at 2 m/s.
 fn with_fault(seed: u64, fault: Fault) -> Storm {
     Storm {
         flight: FlightKind::Landing,

@@ -21,7 +21,6 @@ pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeCo
     (scenario, nodes)
 }
 
-/// Start of a flight with an order to take off and the crew's clearance.
 pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut rig = Rig::new(scenario, nodes, seed).unwrap();
     rig.world.deck_order(DeckOrder::TakeOff(1));
@@ -30,7 +29,6 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
     rig
 }
 
-/// Contacts of the drone's parts, and its distance from the deck.
 #[derive(Debug, Default)]
 pub(super) struct Contacts {
     pub(super) others: u32,
@@ -133,7 +131,6 @@ fn feet_that_are_held() {
 #[derive(Debug, Default)]
 struct Cycles {
     done: u32,
-    /// Number of take-offs stopped on the deck with a reason.
     stopped: u32,
     met: Contacts,
 }

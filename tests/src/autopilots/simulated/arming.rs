@@ -16,7 +16,6 @@ const CALIBRATES_RPS: f64 = 0.009;
 const ANGLE_MAX_RAD: f64 = 0.524;
 
 impl SimulatedAutopilot {
-    /// Reason for denying a command to arm; None if it is accepted.
     pub(super) fn arming_denial(&self) -> Option<String> {
         if let Some(text) = self.arming_fault {
             return Some(text.into());

@@ -85,7 +85,6 @@ pub struct SimulatedAutopilot {
     pub silent: bool,
     /// Fault: every command is answered with this result and not executed.
     pub answer: Option<CommandResult>,
-    /// Fault: the autopilot does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
     /// Home position, with its height above the sea; None until a command sets it.
     pub home: Option<Datum>,
@@ -225,7 +224,6 @@ impl SimulatedAutopilot {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// Adds `by_rad` to the heading error; the reset counter is incremented.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
@@ -259,7 +257,6 @@ impl SimulatedAutopilot {
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
-    /// Advances one step with the bytes on the wire in both directions.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -273,7 +270,6 @@ impl SimulatedAutopilot {
         let encoded = sent.iter().filter_map(|m| self.encoder.frame(self.address, m));
         (motors, encoded.collect())
     }
-    /// Messages that the autopilot has sent since the last call.
     pub fn sent(&mut self) -> Vec<MavlinkMessage> {
         let sent = core::mem::take(&mut self.outbox);
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));

@@ -123,7 +123,6 @@ impl Storm {
     }
 }
 
-/// Kind of fault, and the state in which it begins.
 pub type Pair = (FaultKind, State);
 
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {

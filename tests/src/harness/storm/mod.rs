@@ -59,7 +59,6 @@ pub struct Storm {
     /// Obstacles that the vessel publishes: a mast forward of the deck, an A-frame abeam.
     #[serde(default)]
     pub mast: bool,
-    /// The vessel's GNSS receiver is the moving base for the drone's receiver.
     #[serde(default)]
     pub moving_base: bool,
     #[serde(default, rename = "fault")]

@@ -23,7 +23,6 @@ const STANDS_S: f64 = 3.0;
 const ON_DECK_M: f64 = 2.0;
 /// Maximum number of orders for a take-off that ends on the deck, and for a rejected station.
 const TRIES: u32 = 3;
-/// Period at which a ground station repeats an order, s.
 const REPEATS_S: f64 = 1.0;
 /// Size of the autopilot's own mission, and its height above the first position, m.
 const FAR_M: f64 = 40.0;
@@ -176,7 +175,6 @@ impl People {
         }
         order.is_some()
     }
-    /// Whether the flight of a drone that rests on the deck is over.
     pub(super) fn is_over(&self, rig: &Rig) -> bool {
         match self.step {
             Step::Begins | Step::Cleared => false,

@@ -369,7 +369,6 @@ pub fn end(rig: &Rig) -> StormEnding {
         StormEnding::Waits
     }
 }
-/// Violation by a drone that waited until its battery was spent.
 pub fn no_last_resort(rig: &Rig) -> Violation {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     Violation {

@@ -88,7 +88,6 @@ config! {
 pub struct RecordingFacts {
     pub duration_s: f64,
     pub heave: bool,
-    /// Remarks on rates and resolutions of channels, and on irregularities.
     pub remarks: Vec<String>,
 }
 

@@ -34,7 +34,6 @@ fn full() -> String {
     }
     text
 }
-/// Checks that velocity, acceleration and rates are the derivatives of the motion over `seconds`.
 fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
     let h = 1e-3;
     let n = (seconds / 0.037) as i32;

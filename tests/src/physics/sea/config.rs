@@ -120,7 +120,7 @@ config! {
             this.systems.len() <= MAX_SYSTEMS && this.systems.is_empty() == (this.kind != SeaKind::Systems),
             "systems",
             this.systems.len(),
-            "1 to 4 of the kind systems, none of the others",
+            "1 to 4 for the kind systems, none for the others",
         )?;
         for system in &this.systems {
             system.check(&at.table("systems"))?;

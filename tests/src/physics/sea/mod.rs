@@ -91,7 +91,6 @@ pub struct Sea {
     steepness_factor: f64,
     /// Airy waves: `zeta = sum A cos(k d.x - w t + phi)` at the sampled position.
     linear: bool,
-    /// Direction in which the waves travel, clockwise from north, rad.
     mean_direction: f64,
 }
 

@@ -139,7 +139,6 @@ config! {
 }
 
 impl VesselConfig {
-    /// Raises the engines' thrust for the configured course and speed.
     pub fn power(&mut self) {
         // A speed change may increase the speed by half.
         let most = if self.course == VesselCourse::SpeedChange {

@@ -47,7 +47,6 @@ const HOLD_FREQUENCY: f64 = 0.35;
 const SPEED_TIME_S: f64 = 2.0;
 
 impl Helm {
-    /// `inertia` in surge and sway (kg) and yaw (kg m²), including added mass.
     pub fn new(config: &VesselConfig, inertia: [f64; 3], heading: f64, streams: &Streams) -> Self {
         let path = MeanPath::new(config, heading, streams);
         Helm {

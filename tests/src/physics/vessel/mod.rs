@@ -219,7 +219,6 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }

@@ -75,7 +75,6 @@ fn turned(v: Vector2<f64>, angle: f64) -> Vector2<f64> {
 }
 
 impl MeanPath {
-    /// Path that starts at the origin with this heading, rad.
     pub fn new(config: &VesselConfig, heading: f64, streams: &Streams) -> MeanPath {
         let mut draw = streams.stream("vessel/course");
         let mut between = |low: f64, high: f64| low + (high - low) * draw.random::<f64>();

@@ -8,7 +8,7 @@ use alight_shared::geodesy::Datum;
 /// Knots per m/s, and km/h per m/s.
 const KNOTS: f64 = 3600.0 / 1852.0;
 const KMH: f64 = 3.6;
-/// Decimals of minutes and metres: usual values; `PRECISE` for high-precision receivers.
+/// Decimals of minutes and metres, of usual and of high-precision receivers.
 pub const USUAL: [usize; 2] = [5, 1];
 pub const FINE: [usize; 2] = [7, 3];
 

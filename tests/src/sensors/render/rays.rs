@@ -28,7 +28,6 @@ pub(super) struct Rays {
     furthest: f64,
 }
 
-/// Applies the lens distortion to a point at unit distance.
 fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let [k1, k2, p1, p2, k3] = lens.distortion;
     let r2 = x * x + y * y;

@@ -46,7 +46,6 @@ impl Ultraviolet {
             settings: settings.clone(),
         }
     }
-    /// Fraction of the exposure for which marker `k` is lit.
     fn lit(&self, k: usize, shot: &Shot) -> f64 {
         let Some(code) = self.codes.get(k) else { return 0.0 };
         let bits = |s: f64| (shot.t.secs() + s) * self.settings.rate_hz * (1.0 + self.faster) + self.phase;

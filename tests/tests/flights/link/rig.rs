@@ -37,7 +37,6 @@ pub fn hover() -> f64 {
     g.mass_kg * GRAVITY / g.max_thrust_n
 }
 
-/// Drone without noise and without errors of mass and thrust.
 fn quiet(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     (c.airframe.mass_error, c.airframe.thrust_error) = (0.0, 0.0);

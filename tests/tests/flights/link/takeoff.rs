@@ -15,7 +15,6 @@ fn stand(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// Disarmed drone on the deck, with a link to it.
 fn standing(firmware: Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);

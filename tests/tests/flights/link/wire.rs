@@ -9,7 +9,6 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
-/// All kinds of messages that a ground station sends or receives.
 fn messages() -> Vec<MavlinkMessage> {
     let target = |frame| {
         MavlinkMessage::LandingTarget(LandingTarget {

@@ -246,7 +246,6 @@ mod tests {
     use crate::physics::deck_motion::recording::{HEAVE, Recording};
     use crate::physics::streams::Streams;
 
-    /// Recording of roll, pitch and heave; `f` gives the heave.
     fn heave(hz: f64, seconds: f64, mut f: impl FnMut(f64) -> f64) -> Recording {
         let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m\n");
         for k in 0..(hz * seconds) as u32 {

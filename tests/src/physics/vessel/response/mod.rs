@@ -96,7 +96,6 @@ config! {
     }
 }
 
-/// Response table, and the places of equipment on the hull.
 #[derive(Clone, Debug)]
 pub struct HullFiles {
     pub table: ResponseTable,
@@ -196,7 +195,6 @@ impl ResponseVessel {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
