@@ -53,7 +53,7 @@ const PRESS_M: f64 = 0.3;
 const FRESH_S: f64 = 0.1;
 /// Time between stages, s; gives a horizon of 1 s.
 const STEP_S: f64 = 0.1;
-/// Maximum acceleration along an axis, applied to any initial state, m/s².
+/// Maximum acceleration along an axis for any initial state, m/s².
 const LARGEST_MPS2: f64 = 8.0;
 /// Decay time constant of the heading rate, s.
 const TURNING_S: f64 = 0.5;

@@ -27,7 +27,7 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 
-/// Duration of true motion before a contact, s.
+/// Horizon of the true motion of [`TruePart::Contact`], s.
 const CONTACT_S: f64 = 0.5;
 /// Ticks to the end of the longest forecast: 4 s, at most 0.1 s old.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;

@@ -1,7 +1,7 @@
 //! The simulated world without Alight's nodes: sea, vessel and drones with their sensors. It is shared by
 //! [`super::world::World`] and the process that simulates vehicles in live flights.
 //!
-//! Contact forces act only between a drone and the nearest deck, and in the water. Overlapping drones count
+//! Drones make contact only with the nearest deck and the water. Overlapping drones count
 //! as a collision, and entries into keep-out volumes are judged; neither stops a flight.
 
 mod neighbour;

@@ -19,7 +19,7 @@ const FLOWN_S: f64 = 180.0;
 const BELOW_M: f64 = 5.0;
 /// Distance from the deck's centre within which a drone with its motors off counts as on the deck, m.
 const ON_DECK_M: f64 = 3.0;
-/// Time within which drones know that the deck is closed, or that they lack a fresh grant, s.
+/// Time after which drones know that the deck is closed, or have no fresh grant, s.
 const KNOWN_AFTER_S: f64 = 2.5;
 
 /// Time within which the vessel receives a report after a radio outage, s.

@@ -1,5 +1,5 @@
 //! Jumps of the autopilot's estimate: a late heading alignment, and resets of position and height during the
-//! descent, with and without a reset counter.
+//! descent, whether or not the autopilot counts them.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};

@@ -22,7 +22,7 @@ fn outcome(scenario: &Scenario, seed: u64) -> Outcome {
     flown(scenario, &NodeConfigs::default(), seed).outcome
 }
 
-/// In calm water no model predicts the remaining motion, but this motion is small.
+/// In calm water no model predicts the remaining motion, but the predicted motion is small.
 #[test]
 fn waiting_time_above_a_quiet_deck() {
     let mut under_way = at_sea("0,0");

@@ -34,7 +34,7 @@ struct PredictorFlight {
     samples: Vec<ForecastSample>,
     /// Estimates as received by the drone.
     estimates: Vec<VesselEstimate<DroneClock>>,
-    /// Start of the judged flight, ticks.
+    /// Start of the flight above the boat, ticks.
     began: usize,
     drone: Vector3<f64>,
 }

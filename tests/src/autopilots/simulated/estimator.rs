@@ -25,7 +25,7 @@ pub(super) struct Estimate {
     pub(super) acceleration: Vector3<f64>,
 }
 
-/// Errors of the estimated attitude (as a rotation in NED, on the left) and rates.
+/// Errors of the estimated attitude (NED rotation, multiplied from the left) and rates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SimulatedErrors {
     pub(super) attitude: UnitQuaternion<f64>,
@@ -176,7 +176,7 @@ impl SimulatedEstimator {
             self.attitude_error[i].step(&mut self.attitude_rng)
                 + c.attitude_noise_deg.to_radians() * normal(&mut self.attitude_rng)
         });
-        // Tilt errors act about the level axes and the heading error about the vertical: NED, on the left.
+        // Tilt errors act about the level axes and the heading error about the vertical: an NED rotation, multiplied from the left.
         let (_, _, yaw) = m.attitude.euler_angles();
         let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
         let further = Vector3::z() * (self.steel + self.reset);

@@ -11,7 +11,7 @@ use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
 use crate::harness::outcome::FALSE_STOP_M;
 use crate::harness::rig::Rig;
 
-/// Time from the crew's "clear" of the deck to the order to take off, s.
+/// Time from the crew's clearance of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;
 /// Time from the start to the order to go to a station, s; the link finds the autopilot earlier.
 const FOUND_S: f64 = 5.0;

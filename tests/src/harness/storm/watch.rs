@@ -292,7 +292,7 @@ impl StormWatch {
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
         // A drone that waits until its battery runs low lands as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
-        // A later abort rejects this landing.
+        // An abort after the start of that landing stops it.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
         if self.spent_s.is_some_and(before) {
             return None;
@@ -417,8 +417,8 @@ const REPORTS_S: f64 = 1.0;
 
 /// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting why it
 /// waits; `reported_s` is the time of the last reported condition. A complete report has the condition for the next
-/// step and one of these: the charge, which the status compares with the way to the deck and one attempt; on a sortie,
-/// the time until the drone turns back; an alarm, or a reason that names it; or the landing place for a low battery.
+/// step and at least one of these: the charge, which the status compares with the way to the deck and one attempt; on
+/// a sortie, the time until the drone turns back; the landing place for a low battery; a reason that names the battery.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());

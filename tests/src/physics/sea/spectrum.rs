@@ -16,8 +16,8 @@ pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     w.powi(-5) * (-1.25 * (peak / w).powi(4)).exp() * gamma.powf(r)
 }
 
-/// Values of `x` at which the integral of `density` from `low` reaches each of `fractions` (ascending, 0 to
-/// 1) of the integral up to `high`, by the trapezoidal rule on a fixed grid.
+/// Quantiles of `density` between `low` and `high`: the values of `x` that bound the `fractions` (ascending, 0 to 1)
+/// of its integral, by the trapezoidal rule on a fixed grid.
 fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64]) -> Vec<f64> {
     const GRID: usize = 4000;
     let step = (high - low) / GRID as f64;

@@ -35,7 +35,7 @@ fn paper_sea_components() {
 
 #[test]
 fn paper_sea_slopes_and_speeds() {
-    // Expected for 0.5 m, 5 s (Procházka 2024): up to about 3 m from crest to trough, a slope of up to 13.8
+    // Derived from the paper's sea of 0.5 m, 5 s: up to about 3 m from crest to trough, a slope of up to 13.8
     // deg, and a vertical speed of up to 1.9 m/s. No seed exceeds these by much, and some come close.
     let (mut slope, mut range, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64);
     for seed in 0..40 {

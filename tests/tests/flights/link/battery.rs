@@ -71,7 +71,8 @@ fn low_battery_return_and_landing() {
     }
 }
 
-/// The gauge steps below the last reserve; the mission estimates the remaining time and chooses before the link does.
+/// The gauge steps below the last reserve; the mission confirms the low charge and chooses a landing place before
+/// the link diverts.
 #[test]
 fn diversion_after_the_mission_has_counted() {
     for firmware in BOTH {
@@ -85,7 +86,7 @@ fn diversion_after_the_mission_has_counted() {
         p.low_battery = Some(BatteryPlace::Deck);
         p.run(10.0);
         p.assert_commanding();
-        // A mission that estimates the remaining time but chooses nothing, and a mission that never estimates it.
+        // A mission that confirms the low charge but chooses nothing; below, a mission that never confirms it.
         p.low_battery = None;
         p.run(4.0);
         assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");

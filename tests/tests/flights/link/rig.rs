@@ -215,7 +215,7 @@ impl LinkRig {
         p.take_command();
         p
     }
-    /// Selects OFFBOARD (GUIDED) as pilot once the link is ready.
+    /// As pilot, selects OFFBOARD (GUIDED) once the link is ready.
     pub fn take_command(&mut self) {
         self.run(5.0);
         self.give_the_mode();
@@ -229,12 +229,12 @@ impl LinkRig {
         self.boot += 1;
         self.link = Some((self.make)(self.boot));
     }
-    /// Selects the mode that accepts set-points as pilot.
+    /// As pilot, selects the mode that accepts set-points.
     pub fn give_the_mode(&mut self) {
         let accepted = self.choose(AutopilotMode::Offboard);
         assert!(accepted, "the mode was denied: {}", self.authority());
     }
-    /// Selects a mode as pilot; returns true if it was entered.
+    /// As pilot, selects a mode; returns true if it was entered.
     pub fn choose(&mut self, mode: AutopilotMode) -> bool {
         let a = &mut self.linked.autopilot;
         a.choose(mode_number(a.firmware(), mode))

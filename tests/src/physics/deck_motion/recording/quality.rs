@@ -15,7 +15,7 @@ const ACCELERATION_LIMIT: f64 = 0.5;
 /// Product of a window's bandwidth and length, Hz s.
 const BANDWIDTH: f64 = 1.25;
 const MAX_WINDOW_S: f64 = 1.5;
-/// Ratio of successive orders of differences above which the noise counts as white. Sampled motion has a
+/// Ratio of the levels of successive orders of differences above which the noise counts as white. Sampled motion has a
 /// ratio of 0.5 or less.
 const WHITE: f64 = 0.85;
 
