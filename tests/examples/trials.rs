@@ -1,4 +1,4 @@
-//! Landings in lock-step without the program around them: no zenoh, iceoryx2 or tokio to build.
+//! Lock-step landings without the `alight` program, and therefore without building zenoh, iceoryx2 or tokio.
 //!
 //! `cargo run --release -p alight-sim --example trials -- SEA SEED0 TRIALS` prints a line per landing and the
 //! number of successes. SEA is an argument of `alight trial --sea` (`moderate`, `jonswap:1,5`). `alight trial
@@ -33,7 +33,7 @@ fn run() -> Result<bool, String> {
     };
     let (seed0, trials) = (number(seed0)?, number(trials)?);
     let scenario = Scenario {
-        sea: sea.parse().map_err(|e| format!("the sea {sea}: {e}"))?,
+        sea: sea.parse().map_err(|e| format!("sea {sea} is invalid: {e}"))?,
         ..Scenario::default()
     };
     let nodes = NodeConfigs::default();

@@ -1,7 +1,7 @@
-//! The simulated world of Alight. The true world shares no model with the nodes.
+//! The simulated world of Alight. The true world and the nodes share no model.
 //!
 //! Start at [`harness::world`]: `World::tick` follows the architecture diagram. [`harness::trial`] flies one landing.
-//! Lower layers do not depend on higher ones: physics < sensors, radio, autopilots, baselines < harness < studies.
+//! Lower layers do not depend on higher layers: physics < sensors, radio, autopilots, baselines < harness < studies.
 
 pub mod autopilots;
 pub mod baselines;

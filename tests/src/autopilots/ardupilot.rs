@@ -1,5 +1,5 @@
-//! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits. The plant answers each
-//! packet with one line of JSON, which moves ArduPilot's clock to its `timestamp`.
+//! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits. The plant answers
+//! each packet with one line of JSON, whose `timestamp` sets ArduPilot's clock.
 
 use std::fmt::Write;
 
@@ -17,14 +17,13 @@ const OUTPUTS_AT: usize = 8;
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Servos {
-    /// Simulation steps per second that ArduPilot requests.
     pub rate_hz: u16,
     /// Packet counter; a repeated number marks a retransmission.
     pub frame: u32,
     pub pwm_us: Vec<u16>,
 }
 
-/// None for anything but a packet of servo outputs.
+/// None if the bytes are not a packet of servo outputs.
 pub fn servos(bytes: &[u8]) -> Option<Servos> {
     let u16_at = |at: usize| Some(u16::from_le_bytes([*bytes.get(at)?, *bytes.get(at + 1)?]));
     let magic = u16_at(0)?;
@@ -39,7 +38,7 @@ pub fn servos(bytes: &[u8]) -> Option<Servos> {
     })
 }
 
-/// Fractions of a rotor's maximum thrust; None if all motors are off.
+/// Rotor thrusts as fractions of the maximum; None if all motors are off.
 pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTORS]> {
     let [none, full] = config.pwm_us;
     let outputs: Vec<f64> = servos
@@ -50,8 +49,8 @@ pub fn rotors(config: &FirmwareConfig, servos: &Servos) -> Option<[f64; MAX_ROTO
     motors(config, &outputs)
 }
 
-/// Answer of the plant: newline, compact JSON, newline. ArduPilot adds the noise of its sensors. `start_s` is the true
-/// time at which its clock starts, s; positions are relative to its home, which must be the datum.
+/// Answer of the plant: newline, compact JSON, newline. ArduPilot adds the sensor noise. `start_s` is the true time at
+/// which ArduPilot's clock starts, s; positions are relative to its home, which must be the datum.
 pub fn answer(truth: &PlantState, start_s: f64) -> String {
     let mut text = String::from("\n{");
     let list = |v: &[f64]| {

@@ -1,10 +1,9 @@
 //! The simulated drone as the plant of a real firmware (PX4, ArduPilot): it sends sensor readings and
-//! receives motor commands. This module only encodes and decodes bytes; the process around it has the
-//! sockets.
+//! receives motor commands. This module only encodes and decodes bytes; its caller owns the sockets.
 //!
 //! [`px4`] implements PX4's simulator API (MAVLink HIL messages), [`ardupilot`] ArduPilot's JSON backend.
-//! [`simulated`] is our autopilot, which imitates either firmware. Sea, deck, contact, wind, camera and
-//! rangefinder are the same with all three.
+//! [`simulated`] is Alight's own autopilot model, which imitates either firmware. All three share sea, deck,
+//! contact, wind, camera and rangefinder.
 
 pub mod ardupilot;
 mod config;

@@ -1,6 +1,6 @@
-//! PX4's simulator API. PX4 is the client of TCP port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4
-//! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). Depending on
-//! IMU_GYRO_RATEMAX its rate loop runs, and PX4 answers, at every sample, every second or every third.
+//! PX4's simulator API. PX4 connects as a client to TCP port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4
+//! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). IMU_GYRO_RATEMAX determines whether
+//! PX4's rate loop runs, and PX4 answers, at every sample, every second or every third.
 
 use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -46,8 +46,8 @@ impl Px4Plant {
             every_us: 0,
         }
     }
-    /// Sensor messages of one sample. The GNSS fix precedes the inertial sample, at which PX4 starts its next
-    /// step.
+    /// Sensor messages of one sample. The GNSS fix precedes the inertial sample because PX4 starts its next
+    /// step at the inertial sample.
     pub fn encode_sensors(&mut self, truth: &PlantState, rate_hz: f64) -> Vec<u8> {
         let fix = self.sensors.fix(truth).map(MavlinkMessage::HilGps);
         let sample = self.sensors.sample(truth, rate_hz);
@@ -88,7 +88,7 @@ impl Px4Plant {
     pub fn due(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= self.every_us
     }
-    /// Whether the answer is later than PX4's longest interval: PX4 is busy, and does not wait for a sample.
+    /// Whether the answer is later than PX4's longest interval: PX4 is busy and is not waiting for a sample.
     pub fn is_overdue(&self) -> bool {
         self.sampled_us.saturating_sub(self.answered_us) >= MAX_ANSWER_PERIOD * self.period_us
     }

@@ -1,4 +1,4 @@
-//! Inertial sensors, magnetometer, barometer and GNSS of a firmware.
+//! Inertial sensors, magnetometer, barometer and GNSS that feed a firmware.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geodesy::Datum;
@@ -125,14 +125,12 @@ fn micros(t: Time<TrueTime>) -> u64 {
     1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
 }
 
-/// Pressure of the standard atmosphere at a height in metres.
 fn pressure_hpa(height_m: f64) -> f64 {
     SEA_LEVEL_HPA
         * (1.0 - LAPSE_RATE * height_m / SEA_LEVEL_K)
             .max(0.1)
             .powf(EXPONENT)
 }
-/// Inverse of [`pressure_hpa`], m.
 fn altitude_m(pressure_hpa: f64) -> f64 {
     SEA_LEVEL_K / LAPSE_RATE * (1.0 - (pressure_hpa / SEA_LEVEL_HPA).max(1e-3).powf(1.0 / EXPONENT))
 }

@@ -1,4 +1,4 @@
-//! The firmware's end of both protocols (encoding and decoding), for programs that stand in for a firmware.
+//! The firmware's side of both protocols (encoding and decoding), for programs that replace a firmware.
 
 use alight_shared::frames::TrueNed;
 use alight_shared::geodesy::Datum;
@@ -72,7 +72,7 @@ pub fn correct(believed: &mut PlantState, fix: &HilGps, place: Vector3<f64>, gai
     believed.velocity += (Vector3::from(fix.velocity) - believed.velocity) * gain;
 }
 
-/// Prediction step of a simple estimator over one sample of `dt` s.
+/// Prediction step of a simple estimator over one sample of `dt` seconds.
 pub fn advance(believed: &mut PlantState, sample: &HilSensor, dt: f64) {
     believed.rates = sample.gyro.into();
     believed.specific_force = sample.accelerometer.into();

@@ -1,4 +1,4 @@
-//! A stand-in for a firmware speaks both protocols: it takes off from the pad, hovers, and lands on the deck.
+//! A stand-in for a firmware uses both protocols to take off from the pad, hover, and land on the deck.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_uav::autopilot::message::MavlinkMessage;
@@ -45,8 +45,8 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTO
     out
 }
 
-/// Take-off, flight to above the deck, hover, landing. Returns destination and descent speed; None with
-/// motors off.
+/// Take-off, flight to above the deck, hover, landing. Returns destination and descent speed; None if the
+/// motors are off.
 fn plan(t_s: f64, start: &Vector3<f64>, deck: &Vector3<f64>, grounded: bool) -> Option<(Vector3<f64>, f64)> {
     let above = deck - Vector3::z() * 4.0;
     match t_s {
@@ -72,7 +72,6 @@ fn calm() -> Scenario {
     s
 }
 
-/// Flies the plan; `exchange` is one exchange with the firmware.
 fn fly(
     mut physics: Physics,
     mut exchange: impl FnMut(&PlantState, f64, &Vector3<f64>, &Vector3<f64>) -> Option<[f64; MAX_ROTORS]>,
@@ -129,7 +128,7 @@ fn ardupilot_plant_take_off_hover_and_landing() {
 fn px4_plant_take_off_hover_and_landing() {
     let scenario = calm();
     let streams = crate::physics::streams::Streams::new(3);
-    // The stand-in's estimator is simple and needs good sensors.
+    // The stand-in's simple estimator needs good sensors.
     let navigation = NavigationConfig {
         gnss_bias_m: 0.0,
         gnss_noise_m: 0.02,
@@ -212,8 +211,8 @@ fn px4_plant_with_every_second_sample_answered() {
             ));
         }
     }
-    // PX4 answers each sample, misses one (a short delay), answers every second sample, then stops; its
-    // answer is overdue after four.
+    // PX4 answers each sample, misses one because of a short delay, then answers every second sample, then
+    // stops; its answer is overdue after four samples.
     assert_eq!(wanted[7], (true, false));
     assert_eq!(wanted[8], (true, false));
     assert_eq!(
@@ -250,7 +249,7 @@ fn exchange_rates_of_the_firmwares() {
         exchange_hz,
         ..FirmwareConfig::default()
     };
-    // ArduCopter arms only with 1.8 gyroscope readings in each of 400 loops per second.
+    // ArduCopter arms only if its gyroscopes are read 1.8 times in each of 400 loops per second.
     assert!(f64::from(hz(0).exchanges(ardupilot::EXCHANGE_HZ)) / TICK.secs() > 1.8 * 400.0);
     assert_eq!(hz(0).exchanges(400), EXCHANGES_PER_TICK);
     assert_eq!(hz(1000).exchanges(400), 10);

@@ -8,13 +8,12 @@ pub(super) const POINTS: usize = 1024;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Peak {
     pub frequency: f64,
-    /// Amplitude in the unit of the record.
+    /// Amplitude in the record's unit.
     pub amplitude: f64,
 }
 
-/// Spectral lines of `record` (`rate` samples per second) between two frequencies, strongest first. A line is
-/// a local maximum, located between bins by a parabola through three logarithms. Uses at most [`POINTS`]
-/// samples.
+/// Spectral lines of `record` (`rate` samples per second) between two frequencies, strongest first. A line is a local
+/// maximum, located between bins by a parabola through the logarithms of three bins. Uses at most [`POINTS`] samples.
 pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Peak> {
     let n = record.len().min(POINTS);
     if n < 8 {
@@ -57,7 +56,7 @@ pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Pea
     found
 }
 
-/// In-place transform of a length that is a power of two (Cooley and Tukey 1965).
+/// In-place transform; the length must be a power of two (Cooley and Tukey 1965).
 fn transform(z: &mut [[f64; 2]]) {
     let n = z.len();
     let mut j = 0;

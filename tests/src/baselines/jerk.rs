@@ -1,13 +1,12 @@
-//! One axis of MPC-NE: a triple integrator with the jerk as input, and a barrier in height.
+//! One axis of MPC-NE: a triple integrator with jerk as input and a barrier in height.
 
 use nalgebra::{SMatrix, SVector};
 
 pub const STAGES: usize = 10;
 /// Maximum number of Newton steps; problems without a barrier need one or two.
 const NEWTON_STEPS: usize = 12;
-/// Maximum number of halvings of a step.
 const HALVINGS: usize = 8;
-/// Cost of exceeding a limit by one unit, squared; larger than the cost of the barrier.
+/// Penalty weight on the square of a limit's excess; larger than the cost of the barrier.
 const LIMIT_WEIGHT: f64 = 5000.0;
 
 pub type PerStage = [f64; STAGES];
@@ -18,45 +17,45 @@ pub struct AxisProblem {
     pub start: [f64; 3],
     /// Initial jerk, m/s³.
     pub previous: f64,
-    /// Wanted positions, m.
+    /// Reference positions, m.
     pub position: PerStage,
-    /// Wanted velocities, m/s; the velocity limit is relative to them.
+    /// Reference velocities, m/s; the velocity limit is relative to them.
     pub velocity: PerStage,
-    /// S: weights of position and velocity error.
+    /// S: weights of the position and velocity errors.
     pub weight: [f64; 2],
     /// T: weight of the jerk's increments.
     pub increment_weight: f64,
-    /// Soft limits: velocity relative to the wanted one, acceleration, jerk.
+    /// Soft limits: velocity relative to the reference, acceleration, jerk.
     pub limit: [f64; 3],
 }
 
-/// `weight_k f(deck_k - z_k)`: cost of the deck's tilt at a height above it.
+/// `weight_k f(deck_k - z_k)`: cost of the deck's tilt as a function of the height above it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Barrier {
     /// `alpha_L (roll² + pitch²)` at each stage.
     pub weight: PerStage,
-    /// Vertical position z of a drone that stands on the deck, at each stage, m.
+    /// Vertical position z of a drone on the deck, at each stage, m.
     pub contact: PerStage,
     /// h_d: height of the barrier, m.
     pub height_m: f64,
 }
 
-/// `f(z)` of Gupta et al. and its first two derivatives: 1 from h_d to just above the deck; 0 far above and
-/// on the deck.
+/// `f(z)` of Gupta et al. and its first two derivatives: 1 between h_d and a point just above the deck; 0 far
+/// above the deck and on it.
 pub fn shape(height: f64, stands_at: f64) -> (f64, f64, f64) {
     let (x, width) = if height >= 0.16 {
         ((height - stands_at) / 0.15, -0.15)
     } else {
         (-(height - 0.1) / 0.01, 0.01)
     };
-    // 1 / (1 + e^x), whose derivative with respect to height is f (1 - f) / width.
+    // f = 1 / (1 + e^x); its derivative with respect to height is f (1 - f) / width.
     let f = 1.0 / (1.0 + x.clamp(-60.0, 60.0).exp());
     let slope = f * (1.0 - f) / width;
     (f, slope, slope * (1.0 - 2.0 * f) / width)
 }
 
-/// Responses of position, velocity and acceleration to a unit jerk over one step, by the number of stages
-/// since.
+/// Responses of position, velocity and acceleration to a unit jerk held for one step, by the number of stages
+/// since that step.
 #[derive(Clone, Copy, Debug)]
 pub struct JerkAxis {
     step: f64,
@@ -76,7 +75,7 @@ impl JerkAxis {
         }
     }
 
-    /// `[p, v, a]` after a jerk held for `t`.
+    /// `[p, v, a]` after a constant jerk for the time `t`.
     pub fn roll([p, v, a]: [f64; 3], jerk: f64, t: f64) -> [f64; 3] {
         [
             p + t * (v + t * (0.5 * a + t * jerk / 6.0)),
@@ -112,7 +111,7 @@ impl JerkAxis {
     }
 
     /// Jerks of minimum cost, and the number of steps. Newton's method from `guess` with the convex part of
-    /// the Hessian and a halving line search, so that the cost never rises.
+    /// the Hessian; a halving line search ensures that the cost never increases.
     pub fn solve(
         &self,
         problem: &AxisProblem,
@@ -176,7 +175,7 @@ impl JerkAxis {
             bend[1] += b;
             (slope[2], bend[2]) = over(x[2], problem.limit[1]);
             if let Some(b) = barrier {
-                // Height decreases as z increases.
+                // Height decreases as z increases, hence the sign.
                 let (_, first, second) = shape(b.contact[k] - x[0], b.height_m);
                 slope[0] -= b.weight[k] * first;
                 bend[0] += (b.weight[k] * second).max(0.0);
@@ -268,7 +267,7 @@ mod tests {
         }
     }
 
-    /// Flies for `seconds`, each time by the first step of a new solution.
+    /// Flies for `seconds`, applying the first step of a new solution each time.
     fn fly(weight: f64, seconds: usize) -> f64 {
         let axis = JerkAxis::new(0.1);
         let (mut problem, barrier) = falling(weight, 3.0);

@@ -1,12 +1,12 @@
-//! Baseline planners, flown with the same mission, pilot and success criteria.
+//! Baseline planners, flown with the same mission, pilot and success criteria as Alight's planner.
 //!
 //! | planner | deck from | prediction by | descent |
 //! |---|---|---|---|
 //! | `mpc` | tag, radio, wave model | the predictor | at the mission's speed, no attitude alignment |
 //! | `mpc-ne` ([`mpc_ne`]) | tag | Fourier modes and a Kalman filter ([`modes`]), 1 s | when the predicted tilt permits it |
 //!
-//! Each is a [`Law`] of the flight planner. [`settings`] has the baseline's inputs to the predictor, and its
-//! mission parameters. [`own`] flies a law that is not part of this program.
+//! Each is a [`Law`] of the flight planner. [`settings`] has the baseline's predictor and mission settings.
+//! [`own`] flies a law that the caller supplies.
 
 mod fourier;
 pub mod jerk;

@@ -1,6 +1,6 @@
 //! Deck motion model of MPC-NE (Gupta et al. 2023, section III). Heave, roll and pitch are each a constant
-//! plus undamped oscillators, at the frequencies of a Fourier transform of the tag's pose, tracked by a
-//! linear Kalman filter. Surge and sway have no modes: the position drifts.
+//! plus undamped oscillators. A Fourier transform of the tag's pose gives their frequencies, and a linear
+//! Kalman filter tracks them. Surge and sway have no modes: the position drifts.
 
 use alight_shared::msg::DeckStage;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -13,29 +13,29 @@ const RATE_HZ: f64 = 30.0;
 pub const MODES: usize = 4;
 /// Number of filter states: offset, and sine and cosine part of each mode.
 const N: usize = 1 + 2 * MODES;
-/// Number of degrees of freedom with modes: heave (z), roll, pitch.
+/// Degrees of freedom with modes: heave (z), roll, pitch.
 const WAVY: usize = 3;
 /// Amplitude below which a mode counts as noise: m, rad, rad.
 const FLOOR: [f64; WAVY] = [0.01, 0.002, 0.002];
 const BAND_HZ: [f64; 2] = [0.06, 1.2];
 const GAP_S: f64 = 2.0;
 const KEPT: usize = POINTS;
-/// Length of the record for the transform, and its minimum, s.
+/// Length of the transform's record and the minimum length for modes, s.
 const WINDOW_S: f64 = 20.0;
 const MIN_S: f64 = 10.0;
 const REFRESH_S: f64 = 1.0;
-/// Amplitude relative to the largest mode below which modes are dropped.
+/// Modes with an amplitude below this fraction of the largest are dropped.
 const GATE: f64 = 0.15;
-/// Time constant of the filter for position and drift, s. Without modes, this velocity alone predicts surge
-/// and sway 1 s ahead.
+/// Time constant of the filter for position and drift velocity, s. Surge and sway have no modes; the drift
+/// velocity alone predicts them 1 s ahead.
 const PLACE_S: f64 = 0.15;
 
 #[derive(Clone, Copy, Debug)]
 struct Noise {
     sd: f64,
     walk: f64,
-    /// Random walk of the offset after 1 s. The authors' offset is constant; this one follows the odometry's
-    /// drift in heave.
+    /// Random walk of the offset after 1 s. The authors' offset is constant; this one follows the heave drift
+    /// of the odometry.
     offset_walk: f64,
 }
 const TILT: Noise = Noise {
@@ -105,7 +105,7 @@ impl Wavy {
         self.p -= gain * ph.transpose();
         self.p = 0.5 * (self.p + self.p.transpose());
     }
-    /// Value and rate after `t`.
+    /// Value and rate after the time `t`.
     fn at(&self, t: f64) -> (f64, f64) {
         let x = self.turn(t) * self.x;
         let mut out = (x[0], 0.0);
@@ -137,7 +137,7 @@ pub struct Predicted {
 pub struct SpectralModes {
     record: VecDeque<Sample>,
     wavy: Option<[Wavy; WAVY]>,
-    /// Position and drift, north and east, m and m/s.
+    /// Position and drift velocity, north and east, m and m/s.
     place: Option<[[f64; 2]; 2]>,
     analysed: Option<Time<DroneClock>>,
 }
@@ -151,7 +151,7 @@ impl SpectralModes {
     pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
-            // A detection that is early by half a tick counts as on time.
+            // A detection up to half a tick early counts as on time.
             Some(last) if (at - last.at).secs() < 1.0 / RATE_HZ - 0.005 => return,
             Some(last) if (at - last.at).secs() <= GAP_S => (at - last.at).secs(),
             Some(_) | None => {
@@ -170,7 +170,7 @@ impl SpectralModes {
         for (i, w) in wavy.iter_mut().enumerate() {
             w.update(dt, value[i], &NOISE[i]);
         }
-        // A critically damped second-order filter (Benedict and Bordner 1962).
+        // Critically damped second-order filter (Benedict and Bordner 1962).
         let theta = (-dt / PLACE_S).exp();
         let place = self
             .place
@@ -186,7 +186,6 @@ impl SpectralModes {
         self.analyse(at);
     }
 
-    /// Estimates the frequencies every [`REFRESH_S`], and filters the record.
     fn analyse(&mut self, now: Time<DroneClock>) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
@@ -224,7 +223,6 @@ impl SpectralModes {
         }
     }
 
-    /// The record at even spacing, by linear interpolation.
     fn even(&self) -> Vec<[f64; WAVY]> {
         let mut out = Vec::with_capacity(KEPT);
         let (Some(first), Some(last)) = (self.record.front(), self.record.back()) else {

@@ -1,25 +1,25 @@
 //! `mpc-ne`: the planner of Gupta, Pairet, Nascimento and Saska, "Landing a UAV in harsh winds and turbulent
 //! open waters", RA-L 8(2), 2023 (arXiv 2301.00255), the baseline of the paper.
 //!
-//! - The drone is a point mass with heading, 11 states `[x x' x'' y y' y'' z z' z'' eta eta']`, inputs
-//!   jerk and heading acceleration; the axes are independent ([`super::jerk`]).
+//! - The drone is a point mass with heading, 11 states `[x x' x'' y y' y'' z z' z'' eta eta']`, with jerk and
+//!   heading acceleration as inputs; the axes are independent ([`super::jerk`]).
 //! - `J = sum e' S e + du' T du + alpha_L f(z~) (roll² + pitch²)`, with the predicted roll and
 //!   pitch of the deck and the height `z~` above it, 1 s ahead.
-//! - There is no descent rule: the reference is the deck itself. The cost of tilt is a barrier
-//!   above it that opens while the predicted tilt is near zero.
-//! - The deck's motion comes from the tag alone ([`super::modes`]). Its pose is the present stage of the
-//!   forecast, at 30 Hz while the tag is detected, from a predictor that uses neither radio nor wave
-//!   model meanwhile ([`super::settings`]). That is at least as accurate as the tag itself.
-//! - It does not align its heading: the heading rate decays (the minimiser of
-//!   `S eta'² + T du²` for a double integrator without a target angle).
+//! - There is no descent rule: the reference is the deck itself. The cost of tilt forms a barrier above the
+//!   deck that opens while the predicted tilt is near zero.
+//! - The deck's motion comes from the tag alone ([`super::modes`]). Its pose is the current stage of the
+//!   forecast, at 30 Hz while the tag is detected. During detection the predictor uses neither radio nor the
+//!   wave model ([`super::settings`]), and its pose is at least as accurate as the tag's.
+//! - The heading is not aligned: its rate decays (the minimiser of `S eta'² + T du²` for a double integrator
+//!   without a target angle).
 //!
-//! The authors publish the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak
-//! of about 610, and a waiting height of about 1.8 m; not S, T, alpha_L, the limits, and the parameters of
-//! [`super::modes`]. We tuned these by hand at Moderate (0.5 m, 5 s; published: 95 %, 0.5 m, 34.5 s, 0.7 m/s)
-//! on seeds 100 to 111 and 300 to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On other seeds (500 to 511):
-//! 2 of 12, 0.56 m, 35 s, 0.61 m/s. Position, time and speed match the publication; success does not, because
-//! the camera loses the tag for the last 0.7 to 1.5 s, and the predicted position continues at the last
-//! velocity of sway, up to 1 m/s from the deck's. The common planner flies to the vessel.
+//! The authors publish the structure, h_d about 1.2 m, J1 about 10 e_z² (read off figure 4), a barrier peak of about
+//! 610, and a waiting height of about 1.8 m. They do not publish S, T, alpha_L, the limits, and the parameters of
+//! [`super::modes`]. We tuned these by hand at Moderate (0.5 m, 5 s; published: 95 %, 0.5 m, 34.5 s, 0.7 m/s) on seeds
+//! 100 to 111 and 300 to 311: 14 of 24 landed, 0.44 m, 29 s, 0.72 m/s. On other seeds (500 to 511): 2 of 12, 0.56 m, 35
+//! s, 0.61 m/s. Position, time and speed match the publication. The success rate does not: the camera loses the tag for
+//! the last 0.7 to 1.5 s, during which the position is extrapolated with the last sway velocity, which differs from the
+//! deck's by up to 1 m/s. The common planner flies the approach to the vessel.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -36,10 +36,10 @@ use nalgebra::Vector3;
 use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
 use super::modes::{Predicted, SpectralModes};
 
-/// S, horizontal: position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the deck),
-/// acceleration, jerk.
+/// S, horizontal: weights of position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the
+/// deck), acceleration, jerk.
 const HORIZONTAL: ([f64; 2], [f64; 3]) = ([100.0, 30.0], [3.0, 5.0, 40.0]);
-/// S, vertical: weights and soft limits.
+/// S, vertical, as for the horizontal axes.
 const VERTICAL: ([f64; 2], [f64; 3]) = ([10.0, 6.0], [0.6, 4.0, 30.0]);
 /// T: weight of jerk increments.
 const INCREMENT_WEIGHT: f64 = 0.02;
@@ -51,11 +51,11 @@ const BARRIER_M: f64 = 1.2;
 const PRESS_M: f64 = 0.3;
 /// Maximum age of a detection, s.
 const FRESH_S: f64 = 0.1;
-/// Time between stages, s: a horizon of 1 s.
+/// Time between stages, s; gives a horizon of 1 s.
 const STEP_S: f64 = 0.1;
-/// Maximum acceleration along an axis, whatever the initial state, m/s².
+/// Maximum acceleration along an axis for any initial state, m/s².
 const LARGEST_MPS2: f64 = 8.0;
-/// Time constant with which the heading's rate decays, s.
+/// Decay time constant of the heading rate, s.
 const TURNING_S: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,7 +73,7 @@ struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// Body and jerk at `t`; constant velocity after the end.
+    /// Body and jerk at `t`; constant velocity after the end of the trajectory.
     fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
         let since = (t - self.at).secs().max(0.0);
         let whole = ((since / STEP_S + 1e-6).floor() as usize).min(STAGES);
@@ -114,7 +114,7 @@ pub struct MpcNe {
 }
 
 impl Law for MpcNe {
-    /// Takes the present stage as a detection if the tag is detected.
+    /// Uses the current stage as a detection if the tag is detected.
     fn observe(
         &mut self,
         _drone: Option<&DroneState>,
@@ -164,7 +164,6 @@ fn flies(mode: Mode) -> bool {
 }
 
 impl MpcNe {
-    /// A law without a record or a plan.
     pub fn new(reset: &Reset, drone: &DroneGeometry) -> Self {
         MpcNe {
             reset: *reset,
@@ -192,7 +191,7 @@ impl MpcNe {
             && wrap_angle(measured[5] - then.yaw).abs() <= r.yaw_deg.to_radians()
     }
 
-    /// `down`: vertical acceleration, m/s².
+    /// `down` is the vertical acceleration, m/s².
     pub fn begin(&mut self, now: Time<DroneClock>, s: &ModelState, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
         self.solved = Some(SolvedPlan {
@@ -221,10 +220,10 @@ impl MpcNe {
         let deck = self.deck(now, forecast)?;
         let landing = mission.state.phase() == Phase::Landing && self.modes.ready();
         let contact = deck.map(|d| d.position[2] - self.feet);
-        // The filter's constant is the mean height of the deck, to which the mission's height is relative.
+        // The filter's constant is the mean height of the deck; the mission's height is relative to it.
         let above = self.modes.level().unwrap_or(contact[0]) - mission.height_m;
         let above = above.min(-mission.minimum_altitude_m);
-        // The height is fixed when the wait begins: if each solution updated it, the drone would follow every
+        // The height is fixed when the wait begins. If each solution updated it, the drone would follow every
         // downward stroke of the deck.
         let waits = landing && !(mission.descent_mps > 0.0);
         let held = waits.then(|| self.held_m.unwrap_or((contact[0] - start.axes[2][0]).max(0.0)));
@@ -271,7 +270,7 @@ impl MpcNe {
         Some(plan)
     }
 
-    /// Deck at the stages; the forecast's position and heave before the first detection.
+    /// Deck at the stages; before the first detection, the forecast's position and heave.
     fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! Planners and predictors that are not part of this program: the caller makes one for each start.
+//! Planners and predictors supplied by the caller, who constructs one for each start.
 
 use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,17 +9,16 @@ use alight_uav::planner::law::Law;
 use alight_uav::predictor::PredictorIn;
 use alight_uav::settings::DroneSettings;
 
-/// Report of a planner or predictor to the world that flies it.
 #[derive(Clone, Debug, Default)]
 pub struct OwnReport(Arc<Mutex<Reported>>);
 
 #[derive(Clone, Debug, Default)]
 pub struct Reported {
-    /// Reason why it has failed; the flight goes on without it.
+    /// Reason why it has failed; the flight continues without its plans or forecasts.
     pub failure: Option<String>,
-    /// Reason why it has no plan or forecast now.
+    /// Reason for the current absence of a plan or forecast.
     pub none: Option<String>,
-    /// Solve time of the newest plan; None: that of the scenario.
+    /// Solve time of the newest plan; None: the scenario's.
     pub solve: Option<Span>,
 }
 
@@ -37,21 +36,21 @@ impl OwnReport {
 
 /// Corrects each forecast of the drone's own predictor; it sees the inputs of all steps.
 pub type Predict = dyn FnMut(&PredictorIn, &mut Option<DeckForecast>);
-/// Planner under test. Mission and predictor have the drone's own settings.
+/// Planner under test. Mission and predictor keep the drone's own settings.
 pub type OwnLaw = OwnPart<dyn Law>;
 /// Predictor under test.
 pub type OwnPredictor = OwnPart<Predict>;
 
 type Make<T> = dyn Fn(&DroneSettings, &OwnReport) -> Box<T> + Send + Sync;
 
-/// Part of the drone that is not part of this program.
+/// Part of the drone that the caller supplies.
 pub struct OwnPart<T: ?Sized> {
     name: String,
     make: Arc<Make<T>>,
 }
 
 impl<T: ?Sized> OwnPart<T> {
-    /// `name`: planner or predictor in the outcomes.
+    /// `name` identifies it in the outcomes.
     pub fn new(
         name: impl Into<String>,
         make: impl Fn(&DroneSettings, &OwnReport) -> Box<T> + Send + Sync + 'static,

@@ -1,4 +1,3 @@
-//! Tests of each baseline on decks with known motion.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use alight_shared::config::{Check, Keys};
@@ -17,7 +16,6 @@ fn at(t: f64) -> Time<DroneClock> {
     Time::from_secs(t)
 }
 
-/// A forecast at `t` of the deck `deck`, with a tag detection `tag_age_s` ago.
 fn forecast(t: f64, tag_age_s: f64, deck: impl Fn(f64) -> DeckStage) -> DeckForecast {
     let mut f = DeckForecast {
         header: Header::new(1, 1, 1, 0, at(t)),
@@ -63,7 +61,7 @@ fn configurations_of_every_planner() {
     }
 }
 
-/// A deck that heaves by 0.4 m with a period of 5 s and rolls by `roll` rad.
+/// Deck that heaves by 0.4 m with a period of 5 s and rolls by `roll` rad.
 fn rocking(roll: f64) -> impl Fn(f64) -> DeckStage {
     move |t| {
         let (s, c) = (core::f64::consts::TAU / 5.0 * t).sin_cos();

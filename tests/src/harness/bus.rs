@@ -1,7 +1,7 @@
-//! Bus in lock-step. Each topic has a ring of its newest messages, as long as that in shared memory; each
-//! reader has its own position in the ring.
+//! Bus in lock-step. Each topic has a ring of its newest messages, with the capacity of the shared-memory
+//! bus; each reader has its own position in the ring.
 //!
-//! A [`Wrapper`] between a row and the bus changes messages: a fault, or a defect that a storm must find.
+//! A [`Wrapper`] between a row and the bus changes messages to simulate a fault, or a defect that a storm must detect.
 
 use core::any::{Any, TypeId};
 use core::cell::RefCell;
@@ -18,8 +18,7 @@ struct Ring<M> {
     newest: VecDeque<M>,
 }
 
-/// Changes messages. Arguments: the reader's clock or the stamp of the written message (ns), and the
-/// messages.
+/// Changes messages. Arguments: the reader's clock or the written message's stamp (ns), and the messages.
 pub type Wrapper<M> = Box<dyn FnMut(i64, Vec<M>) -> Vec<M>>;
 type Place<M> = Rc<RefCell<Option<Wrapper<M>>>>;
 
@@ -29,14 +28,14 @@ pub enum BusSide {
     Written,
 }
 
-/// State shared by the ports of one computer; entries are made on first use.
+/// State shared by the ports of one computer; entries are created on first use.
 #[derive(Default)]
 struct Shared {
     rings: BTreeMap<TypeId, Rc<dyn Any>>,
     places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
-/// Bus of one computer, for one of its rows or for an outside observer.
+/// Bus of one computer, as seen by one of its rows or an outside observer.
 #[derive(Clone, Default)]
 pub struct LockStep {
     shared: Rc<RefCell<Shared>>,
@@ -56,8 +55,7 @@ impl LockStep {
             row: Some(row),
         }
     }
-    /// Installs a wrapper between a row and the bus; replaces an earlier one, and survives restarts of the
-    /// row.
+    /// Installs a wrapper between a row and the bus. It replaces an earlier wrapper and survives restarts of the row.
     pub fn wrap<M: Plain>(
         &self,
         row: ProcessKind,
@@ -89,14 +87,13 @@ impl LockStep {
         };
         typed(shared.rings.entry(TypeId::of::<M>()).or_insert_with(made))
     }
-    /// Opening a sender cannot fail.
     pub fn sender<M: Plain>(&self) -> LockStepSender<M> {
         LockStepSender {
             ring: self.ring(),
             place: self.place(BusSide::Written),
         }
     }
-    /// Receives messages sent from now on; opening it cannot fail.
+    /// Receives messages sent from now on.
     pub fn receiver<M: Plain>(&self) -> Receiver<M> {
         let ring = self.ring();
         let read = ring.borrow().sent;
@@ -131,7 +128,6 @@ impl Bus for LockStep {
     }
 }
 
-/// Reports whether a topic has new messages.
 pub struct LockStepWake {
     sent: Box<dyn Fn() -> u64>,
     counted: u64,
@@ -153,7 +149,7 @@ impl<M: Plain> LockStepSender<M> {
     fn put(&self, message: M) {
         let mut ring = self.ring.borrow_mut();
         if ring.newest.len() == M::TOPIC.buffer {
-            // A reader that is this far behind misses the message.
+            // A reader that lags this far behind misses the message.
             ring.newest.pop_front();
         }
         ring.newest.push_back(message);
@@ -177,7 +173,6 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
 
 pub struct Receiver<M> {
     ring: Rc<RefCell<Ring<M>>>,
-    /// Number of messages read.
     read: u64,
     received: ReadCounts,
     place: Place<M>,

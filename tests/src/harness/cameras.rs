@@ -1,5 +1,4 @@
-//! The drone's cameras in lock-step, at the edge of its rows: images are rendered, and delivered after a
-//! delay.
+//! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a delay.
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
@@ -52,7 +51,7 @@ impl ImageDelay {
 
 struct NightExposure {
     metering: Metering,
-    /// Number of begun exposures; `metered` counts metered images.
+    /// Number of exposures begun; `metered` counts metered images.
     begun: u64,
     metered: u64,
 }
@@ -76,7 +75,6 @@ impl NightExposure {
             at_limit: self.metering.at_limit(),
         }
     }
-    /// Sets exposure and gain of `shots`.
     fn set(&mut self, shots: &[Shot]) -> Vec<Shot> {
         self.begun += shots.len() as u64;
         let Setting { exposure_s, gain } = self.metering.setting();
@@ -101,14 +99,14 @@ struct Belly {
     night: Option<NightExposure>,
 }
 
-/// The belly and ultraviolet cameras and their links; images replace the measurement models.
+/// The belly and ultraviolet cameras and their links; their images replace the measurement models.
 pub struct SimulatedCameras {
     belly: Option<Belly>,
     ultraviolet: Option<(Ultraviolet, ImageDelay)>,
 }
 
 impl SimulatedCameras {
-    /// None when measurement models replace both cameras.
+    /// None if measurement models replace both cameras.
     pub fn new(
         scenario: &Scenario,
         settings: &CameraSettings,
@@ -136,7 +134,7 @@ impl SimulatedCameras {
             }),
         })
     }
-    /// Images of the belly camera that have arrived by `t`; the exposures `shots` begin now.
+    /// Returns the belly camera's images that have arrived by `t`; the exposures `shots` begin now.
     pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();

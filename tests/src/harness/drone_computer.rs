@@ -1,5 +1,5 @@
 //! A drone's computer in lock-step: the rows of [`DroneRows`], stepped once per tick in a fixed order. The
-//! far ends of their edges are simulated: radio, autopilot wire, cameras and sensors.
+//! far ends of their edges (radio, autopilot wire, cameras, sensors) are simulated.
 
 mod steps;
 
@@ -50,7 +50,7 @@ pub(super) enum Uplink {
     Status(DroneStatus),
 }
 
-/// Senders outside the rows: operators, plans after their solve time, and detections of measurement models.
+/// Senders outside the rows: operators' orders, plans after their solve time, detections of measurement models.
 struct Outside {
     commands: LockStepSender<Command>,
     plans: LockStepSender<Plan>,
@@ -83,16 +83,15 @@ readers! {
     }
 }
 
-/// A drone's radio, computer and autopilot.
 pub struct SimulatedDroneComputer {
     pub(super) k: usize,
     pub(super) boot: u32,
-    /// Boot ids: of the first processes, and of each process's last start.
+    /// Boot ids: of the first processes, and of the last start of each process.
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
     bus: LockStep,
-    /// None for a dead process.
+    /// Rows; None if the process is dead.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
     frozen: Vec<ProcessKind>,
@@ -105,18 +104,16 @@ pub struct SimulatedDroneComputer {
     receiver: ReceiverDecoder,
     corrections: Vec<u8>,
     repeated_range_m: Option<f64>,
-    /// Difference of the computer's steady clock and its simulated clock model.
+    /// Lead of the computer's steady clock over its simulated clock model.
     pub(super) ahead: Span,
-    /// The pilot has switched to our mode once.
+    /// The pilot has switched to OFFBOARD (GUIDED) once.
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
-    /// All processes are dead.
     pub(super) is_dead: bool,
     stood_still_until: Time<TrueTime>,
     plans: DelayLine<Plan>,
-    /// Report of a planner that is not part of this program.
     law: OwnReport,
-    /// Predictor that is not part of this program, and its report.
+    /// Predictor supplied by the caller, and its report.
     own_predictor: Option<Box<Predict>>,
     predicted: OwnReport,
     solve_delay: Span,
@@ -126,12 +123,11 @@ pub struct SimulatedDroneComputer {
     mutant: Option<Mutant>,
     /// Change of the vessel's clock relative to this computer's since the start.
     pub(super) apart: Rc<Cell<Span>>,
-    /// Sensor faults; None if none ever occurs.
     spoiled: Option<Spoiled>,
     /// Position of a second vessel with the same identity, m north of the first; 0: no second vessel.
     twin_m: f64,
     stands_still: bool,
-    /// The newest odometry that the bridge's process has read.
+    /// Newest odometry that the bridge's process has read.
     pub odometry: Option<DroneState>,
     pub mission_state: MissionState,
     pub forecast: Option<DeckForecast>,
@@ -139,7 +135,7 @@ pub struct SimulatedDroneComputer {
     pub last_set_point: Option<SetPoint>,
 }
 
-/// The packet of another vessel with the same identity; None if it is not an estimate.
+/// Packet of another vessel with the same identity; None if the packet is not an estimate.
 fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<DroneClock, Packet>> {
     if packet.value.kind != RadioTopic::Estimate {
         return None;
@@ -155,7 +151,7 @@ fn twin(packet: &Stamped<DroneClock, Packet>, north_m: f64) -> Option<Stamped<Dr
     Some(Stamped::new(packet.at, value))
 }
 
-/// Time within which a forced descent begins once the drone is steady, s.
+/// Time within which a forced descent begins once the drone is steady above the deck, s.
 const BEGINS_WITHIN_S: f64 = 20.0;
 
 fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes {
@@ -179,7 +175,6 @@ fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
     Row::join(&bus.of(N::KIND), node).ok()
 }
 
-/// Starts a process; the planner has the law under test.
 fn start(
     rows: &mut DroneRows<LockStep>,
     process: ProcessKind,
@@ -193,7 +188,7 @@ fn start(
     }
 }
 
-/// The row, if its process is alive, in `runs`, and has a step due.
+/// Returns the row if its process is alive, in `runs`, and due for a step.
 fn due<N: Wired>(
     row: &mut Option<Row<N, LockStep>>,
     runs: bool,
@@ -230,7 +225,7 @@ impl SimulatedDroneComputer {
         let own_predictor = nodes.predictor.as_ref();
         let own_predictor = own_predictor.map(|own| own.start(&made.drone, &predicted));
         let mut rows = DroneRows {
-            // The mission's process was running before this flight.
+            // The mission's process has been running since before this flight.
             mission: row(&bus, made.mission(boot).forced_descent(forced)),
             ..DroneRows::default()
         };
@@ -285,7 +280,6 @@ impl SimulatedDroneComputer {
         }
     }
 
-    /// Replaces the present faults.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.frozen.clone_from(&failing.frozen.processes);
         self.stands_still = failing.frozen.computer;
@@ -309,7 +303,6 @@ impl SimulatedDroneComputer {
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
     }
-    /// Replaces the pilot node's set-point from now on.
     pub(super) fn fly_by(&mut self, set_point: SetPoint) {
         let instead = move |_, _: Vec<SetPoint>| vec![set_point];
         self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
@@ -345,7 +338,6 @@ impl SimulatedDroneComputer {
             &self.law,
         );
     }
-    /// Kills the supervisor, and all processes with it.
     pub(super) fn kill_all(&mut self) {
         (self.is_dead, self.rows) = (true, DroneRows::default());
         self.frozen.clear();
@@ -372,7 +364,7 @@ impl SimulatedDroneComputer {
             *self.kept.store_mut() = CheckpointStore::default();
         }
     }
-    /// Installs a new computer on the same drone.
+    /// Replaces the computer of the same drone.
     fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
         *self.kept.store_mut() = before.kept.store().clone();
@@ -391,7 +383,6 @@ impl SimulatedDroneComputer {
         self.outside.commands.send(&Command { header, kind });
     }
 
-    /// The drone appears in the air, in a pilot's mode.
     pub(super) fn appear(&mut self, physics: &mut Physics) {
         physics.place_drone(self.k);
         let streams = physics.streams().of_drone(self.k);
@@ -407,7 +398,6 @@ impl SimulatedDroneComputer {
         }
     }
 
-    /// None before the drone has appeared.
     pub fn autopilot(&self) -> Option<&SimulatedAutopilot> {
         self.linked.as_ref().map(|l| &l.autopilot)
     }
@@ -427,7 +417,7 @@ impl SimulatedDroneComputer {
         !self.frozen.contains(&process)
     }
 
-    /// Steps each row in order; the link a second time, with the pilot's set-point.
+    /// Steps each row in order; steps the link a second time, with the pilot's set-point.
     pub(super) fn tick(
         &mut self,
         physics: &mut Physics,
@@ -438,14 +428,13 @@ impl SimulatedDroneComputer {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);
         if self.stands_still {
-            // Data from radio and wire wait, and get their stamp when read.
+            // Data from radio and wire wait, and are stamped when read.
             self.stood_still_until = t;
             let _lost = physics.drone_readings(self.k);
             return;
         }
         let packets = self.packets(physics);
         if self.is_dead {
-            // Readings are lost.
             let _lost = physics.drone_readings(self.k);
             let _lost = self.linked.as_mut().map(|linked| linked.received(t));
             return;
@@ -486,7 +475,7 @@ impl SimulatedDroneComputer {
     }
     fn look(&mut self, now: Time<DroneClock>) {
         let (t, o) = (now.nanos(), &mut self.observer);
-        // Messages are large, and copied only if new.
+        // Messages are large and therefore copied only if new.
         o.odometry
             .newest(t)
             .into_iter()
@@ -514,7 +503,7 @@ impl SimulatedDroneComputer {
         header.at += self.ahead;
         header
     }
-    /// Why a planner or predictor that is not part of this program has no answer.
+    /// Reasons why a planner or predictor supplied by the caller has no answer.
     pub fn own_failures(&self) -> impl Iterator<Item = String> {
         let of = |(part, report): (_, &OwnReport)| Some(format!("{part}: {}", report.failure()?));
         [("planner", &self.law), ("predictor", &self.predicted)]

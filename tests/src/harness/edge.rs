@@ -1,7 +1,7 @@
 use alight_shared::bus::{Bus, Edge, Ports as _, Wired};
 
-/// Edge of two closures: the first adds to the row's input; the second removes from its output what leaves
-/// the computer, before the output reaches the bus.
+/// Edge made of two closures: the first adds to the row's input; the second takes data that leaves the
+/// computer out of the row's output before the output reaches the bus.
 struct Ends<R, W>(R, W);
 
 impl<N: Wired, R: FnMut(&mut N::In), W: FnMut(&N::In, &mut N::Out)> Edge<N> for Ends<R, W> {

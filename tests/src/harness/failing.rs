@@ -1,5 +1,5 @@
 //! Lasting faults of the world: frozen processes, missing or wrong measurements, radio losses, weak rotors.
-//! Instantaneous events (kill, jump, order) are calls of [`super::world::World`].
+//! Instantaneous events (kill, jump, order) are methods of [`super::world::World`].
 
 use core::cell::RefCell;
 use std::rc::Rc;
@@ -22,7 +22,7 @@ use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 use crate::sensors::moving_base::MovingBaseFaults;
 
-/// Present faults of the first drone, the vessel and their radio; none by default.
+/// Active faults of the first drone, the vessel and their radio; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Failing {
     pub frozen: Frozen,
@@ -30,7 +30,6 @@ pub struct Failing {
     pub radio: [ChannelFault; 2],
     pub vessel: VesselSensorFaults,
     pub drone: DroneSensorFaults,
-    /// Faults of a drone's receiver with a moving base.
     pub moving_base: MovingBaseFaults,
     pub autopilot: AutopilotFaults,
     pub mutant: Option<Mutant>,
@@ -38,9 +37,9 @@ pub struct Failing {
     pub weak: [f64; 2],
     /// Rate errors of the steady clocks of vessel and drone, s/s; -1 stops a clock.
     pub clock_rates: [f64; 2],
-    /// Force and moment on the vessel: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    /// Force and moment on the vessel in its body axes: surge, sway, heave, roll, pitch, yaw, N and Nm.
     pub push: [f64; 6],
-    /// Amplitude of the roll moment of another ship's wake, Nm.
+    /// Amplitude of the roll moment caused by another ship's wake, Nm.
     pub wake_nm: f64,
     pub solve_s: f64,
     /// Position of a second vessel with the same identity, m north of the first; 0: no second vessel.
@@ -49,11 +48,11 @@ pub struct Failing {
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Frozen {
-    /// The drone's processes; their input waits, up to the capacity of its topics.
+    /// Frozen processes of the drone; their input waits, up to the capacity of its topics.
     pub processes: Vec<ProcessKind>,
-    /// The drone's computer: packets and bytes wait, measurements are lost.
+    /// The drone's computer is frozen: packets and bytes wait, measurements are lost.
     pub computer: bool,
-    /// The vessel's computer: orders wait, measurements are lost.
+    /// The vessel's computer is frozen: orders wait, measurements are lost.
     pub vessel: bool,
 }
 
@@ -63,11 +62,11 @@ pub struct VesselSensorFaults {
     pub gnss_lost: bool,
     pub heading_lost: bool,
     pub heading_off_rad: f64,
-    /// Error of every second heading, rad: two devices on one bus.
+    /// Error of every second heading, rad, as from two devices on one bus.
     pub heading_mixed_rad: f64,
-    /// Error of fixes, north and up, m.
+    /// Error of GNSS fixes, north and up, m.
     pub gnss_off_m: [f64; 2],
-    /// IMU, GNSS, heading: the sensor repeats its first value.
+    /// For IMU, GNSS and heading: the sensor repeats its first value.
     pub stuck: [bool; 3],
     pub gyro_off_radps: f64,
     /// Clipping limit of the measured specific force, m/s2; 0: no limit.
@@ -151,19 +150,19 @@ pub struct DroneSensorFaults {
     pub blind: bool,
     pub range_lost: bool,
     pub range_stuck: bool,
-    /// Error, m; positive if ranges are too long.
+    /// Range error, m; positive if ranges are too long.
     pub range_off_m: f64,
-    /// Ranges are 0, as from a device that reports a missing echo as 0.
+    /// Every range is 0, as from a device that reports a missing echo as 0.
     pub range_zero: bool,
-    /// Lost fraction of detections.
+    /// Fraction of detections that are lost.
     pub lost: f64,
-    /// Additional standard deviation of detections by smeared images, m.
+    /// Additional standard deviation of detections, m, as from motion blur.
     pub scatter_m: f64,
-    /// Error of every third detection, m to the right in the image.
+    /// Error of every third detection, m to the right in the image, as from another tag.
     pub false_tag_m: f64,
     /// Delay of the image stamps, s.
     pub images_late_s: f64,
-    /// Position of another vessel, whose deck the cameras detect instead, relative to ours, NED, m.
+    /// Position of another vessel relative to ours, NED, m; the cameras detect its deck instead.
     pub neighbour_offset_m: [f64; 3],
 }
 
@@ -184,7 +183,7 @@ impl DroneSensorFaults {
     fn spoil_fixes(&self, fixes: &mut Vec<UvdarFix>) {
         fixes.retain(|_| !self.blind);
     }
-    /// `repeated_m`: the first range, which a stuck rangefinder repeats.
+    /// `repeated_m` stores the first range, which a stuck rangefinder repeats.
     pub(super) fn spoil_ranges(&self, ranges: &mut Vec<RangeSample>, repeated_m: &mut Option<f64>) {
         if self.range_lost {
             ranges.clear();
@@ -204,7 +203,7 @@ impl DroneSensorFaults {
     }
 }
 
-/// Present sensor faults, which wrappers between cameras and bus read.
+/// Active sensor faults, read by the wrappers between cameras and bus.
 pub(super) type Spoiled = Rc<RefCell<DroneSensorFaults>>;
 
 pub(super) fn spoil_sensors(bus: &LockStep, faults: &Spoiled) {
@@ -240,7 +239,7 @@ struct DetectionShift {
 }
 
 impl DetectionShift {
-    /// `attitude`: the autopilot's estimate.
+    /// `attitude` is the autopilot's estimate.
     fn of(faults: &DroneSensorFaults, attitude: &UnitQuaternion<f64>) -> DetectionShift {
         let offset = attitude.inverse() * Vector3::from(faults.neighbour_offset_m);
         DetectionShift {
@@ -257,8 +256,7 @@ impl DetectionShift {
     }
 }
 
-/// Pseudo-random number from 0 to 1 that depends only on the message's number, so that flights are
-/// repeatable.
+/// Pseudo-random number from 0 to 1 that depends only on the message's number, which makes flights repeatable.
 fn by_chance(sequence: u32, axis: u32) -> f64 {
     let mixed = sequence
         .wrapping_mul(4)
@@ -267,22 +265,20 @@ fn by_chance(sequence: u32, axis: u32) -> f64 {
     f64::from((mixed ^ (mixed >> 15)).wrapping_mul(0x85eb_ca6b) >> 8) / f64::from(1_u32 << 24)
 }
 
-/// Faults of the autopilot and its wire.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AutopilotFaults {
     pub silent: bool,
     pub cut: bool,
     /// Ids of messages that are not sent.
     pub muted: Vec<u32>,
-    /// Answer to every command, which is not executed.
+    /// Answer to every command; commands are not executed.
     pub answer: Option<CommandResult>,
     pub no_battery: bool,
-    /// Charge freezes (0), or toggles by this amount above the frozen value.
+    /// The reported charge freezes (0), or toggles between the frozen value and one higher by this amount.
     pub battery_stuck: Option<f64>,
-    /// Additional battery drain, 1/s.
     pub drain_per_s: f64,
     pub landed_report: Option<LandedState>,
-    /// Drift of the autopilot's position to the north, m/s, as under slow spoofing.
+    /// Northward drift of the autopilot's position, m/s, as under slow spoofing.
     pub drift_mps: f64,
     pub remote_control_lost: bool,
     pub data_link_lost: bool,

@@ -1,7 +1,7 @@
-//! Forecasts with one part replaced by the truth, for an error budget: the remaining error has other sources.
+//! Forecasts with one part replaced by the truth, for an error budget: the remaining error comes from the other parts.
 //!
-//! Notation: `^` forecast, `*` truth; `d`, `e`: the odometry's position and velocity error. The drone flies
-//! in the odometry's frame:
+//! Notation: `^` forecast, `*` truth; `d`, `e`: position and velocity error of the odometry, in whose frame
+//! the drone flies:
 //!
 //! | part | deck position `t` ahead |
 //! |---|---|
@@ -27,13 +27,13 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 use crate::sensors::clocks::ClockModel;
 
-/// Horizon of true motion before a contact, s.
+/// Horizon of the true motion of [`TruePart::Contact`], s.
 const CONTACT_S: f64 = 0.5;
 /// Ticks to the end of the longest forecast: 4 s, at most 0.1 s old.
 const AHEAD: usize = (FORECAST_STAGES - 1) * 10 + 10;
 
 /// The world's sea and vessel, simulated [`AHEAD`] ticks ahead. Excludes the drones' forces on the deck, and
-/// a change of course caused by a descent.
+/// course changes caused by a descent.
 pub(super) struct Foresight {
     config: ForesightConfig,
     ahead: Physics,
@@ -56,7 +56,7 @@ impl Foresight {
             ahead,
         })
     }
-    /// Extends the states to begin at `t`.
+    /// Extends the states so that they begin at `t`.
     pub(super) fn look(&mut self, t: Time<TrueTime>) {
         while self.from < t && self.states.pop_front().is_some() {
             self.from += TICK;
@@ -66,7 +66,7 @@ impl Foresight {
             self.states.push_back(self.ahead.deck());
         }
     }
-    /// `odometry`: error of the drone's frame.
+    /// `odometry` is the error of the drone's frame.
     pub(super) fn correct(&self, forecast: &mut DeckForecast, clock: &ClockModel, odometry: &OdometryError) {
         let state = |k: usize| {
             let t = clock.true_time(forecast.header.at + forecast.step * k as i64);
@@ -104,7 +104,7 @@ pub(super) struct OdometryError {
 }
 
 impl OdometryError {
-    /// `truth`: at `now`; `drone`: at its time of measurement.
+    /// `truth` is at `now`, `drone` at its time of measurement.
     pub(super) fn of(drone: &DroneState, now: Time<DroneClock>, truth: &RigidState<DroneBody>) -> Self {
         let since = (now - drone.header.at).secs();
         let then = truth.velocity.0 - truth.acceleration.0 * since;
@@ -116,7 +116,7 @@ impl OdometryError {
     }
 }
 
-/// A true state as a stage of a frame with this offset (m) and drift (m/s).
+/// True state as a stage in a frame with this offset (m) and drift (m/s).
 fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
     let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
     DeckStage {
@@ -129,14 +129,13 @@ fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64
     }
 }
 
-/// Present state of the deck.
 struct Now {
     truth: DeckStage,
     own: DeckStage,
 }
 
 impl Now {
-    /// The forecast's stage `own`, `t` seconds ahead, with `part` replaced by the truth.
+    /// Stage `own` of the forecast, `t` seconds ahead, with `part` replaced by the truth.
     fn corrected(&self, part: TruePart, own: &DeckStage, truth: &DeckStage, t: f64) -> DeckStage {
         match part {
             TruePart::Motion => self.moved(truth),
@@ -148,7 +147,7 @@ impl Now {
             }
         }
     }
-    /// True motion, starting at the estimated state: `R(t) = R^(0) R*(0)^-1 R*(t)`.
+    /// True motion applied to the estimated initial state: `R(t) = R^(0) R*(0)^-1 R*(t)`.
     fn moved(&self, truth: &DeckStage) -> DeckStage {
         let attitude = |s: &DeckStage| {
             UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(s.rotation()))
@@ -164,8 +163,8 @@ impl Now {
             ..*truth
         }
     }
-    /// Predicted motion, starting at the true state: initial errors of position and angle persist, those of
-    /// rates decay as in the prediction.
+    /// Predicted motion applied to the true initial state. Initial errors of position and angle persist;
+    /// initial errors of the rates decay as in the prediction.
     fn begun(&self, own: &DeckStage, t: f64) -> DeckStage {
         let fades = (-t / FADE_S).exp();
         let gone = FADE_S * (1.0 - fades);
@@ -199,7 +198,8 @@ impl Now {
     }
 }
 
-/// `own`, with the degrees of freedom of `config` from `wanted`; surge and sway refer to the heading.
+/// `own`, with the degrees of freedom of `config` replaced by those of `wanted`; surge and sway are relative
+/// to the heading.
 fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckStage {
     let heading = Rotation3::from_axis_angle(&Vector3::z_axis(), own.euler[2]);
     let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));

@@ -1,4 +1,4 @@
-//! A drone's simulated autopilot, and the wire to its computer's link, byte by byte.
+//! A drone's simulated autopilot, and the byte-level wire to its computer's link process.
 
 use std::collections::VecDeque;
 
@@ -45,7 +45,7 @@ impl Wire {
         }
     }
     pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
-        // The dialect lacks some messages, which are not sent.
+        // Messages missing from the dialect are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
         };
@@ -56,7 +56,7 @@ impl Wire {
             .map_or(arrival, |(last, _)| arrival.max(*last));
         self.under_way.push_back((arrival, bytes));
     }
-    /// None while the cable is disconnected.
+    /// Frames received by `t`; none while the cable is disconnected (`cut`).
     fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<MavlinkFrame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
@@ -126,7 +126,6 @@ impl LinkedAutopilot {
         }
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
-    /// Frames that have arrived at the link by `t`.
     pub fn received(&mut self, t: Time<TrueTime>) -> Vec<MavlinkFrame> {
         self.up.received(t, self.cut)
     }

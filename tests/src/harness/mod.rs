@@ -1,4 +1,4 @@
-//! The world in lock-step with the nodes: one landing, its judge and its observers.
+//! The world in lock-step with the nodes: one landing, the judge of its outcome, and observers.
 
 pub mod bus;
 pub mod cameras;

@@ -1,5 +1,5 @@
-//! Mutants: nodes with a defect that a storm must find. A mutant is a wrapper between a row and the bus in
-//! lock-step, never part of the program that flies.
+//! Mutants: nodes with a defect that a storm must detect. A mutant is a wrapper between a row and the bus in
+//! lock-step, and never part of the flight software.
 
 use core::cell::Cell;
 use std::rc::Rc;
@@ -28,16 +28,16 @@ const SILENT: Span = Span::from_millis(1500);
 pub enum Mutant {
     /// The mission ignores aborts during the descent.
     AbortIgnored,
-    /// The mission treats its last order as a new one.
+    /// The mission accepts its last order as a new one.
     OrderKept,
-    /// The rangefinder alone stops the motors.
+    /// A short range alone stops the motors.
     StopsByRange,
     StaleForecast,
     StaleMission,
     FramesIgnored,
     /// An unreported thrust counts as zero.
     ThrustMissing,
-    /// An unreported or empty battery counts as a full one.
+    /// An unreported or empty battery counts as full.
     ReserveWaived,
     /// Each drone treats the deck as its own, regardless of the grant.
     TwoOwners,
@@ -45,7 +45,7 @@ pub enum Mutant {
     DeckReleased,
     /// The clock offset keeps its first estimate.
     ClockKept,
-    /// The mission starts from the checkpoint of the flight's first boot.
+    /// The mission restarts from the checkpoint of the flight's first boot.
     OldCheckpoint,
 }
 
@@ -105,10 +105,9 @@ impl Mutant {
     }
 }
 
-/// Reservation of the deck on the drone's clock.
 type Grant = DeckGrant<DroneClock>;
 
-/// The grant as a new one for this drone.
+/// Grant rewritten as a new grant to this drone.
 fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     let mut own = *grant;
     (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
@@ -122,7 +121,7 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
     });
 }
 
-/// Renews the stamps that a row reads; without a new message the row reads the last one again.
+/// Renews the stamps of messages that a row reads; without a new message the row reads the last one again.
 fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
     for row in PROCESSES {
         let mut last = None;

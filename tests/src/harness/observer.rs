@@ -7,10 +7,10 @@ use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
 
-/// `t`: the world's time.
+/// `t` is the world's time in all methods.
 pub trait WorldObserver {
-    /// Truth at the beginning of a tick: the vessel's reference point; the drone and the wind on it (NED,
-    /// towards, m/s).
+    /// Truth at the beginning of a tick: the vessel's reference point, the drone, and the wind on the drone
+    /// (NED, direction towards which it blows, m/s).
     fn truth(
         &mut self,
         _t: Time<TrueTime>,
@@ -18,7 +18,7 @@ pub trait WorldObserver {
         _drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
     }
-    /// A step of a row of the vessel or the first drone, in the order of the data flow.
+    /// Step of a row of the vessel or the first drone, in the order of the data flow.
     fn step(&mut self, _t: Time<TrueTime>, _step: &Step<'_>) {}
 }
 

@@ -1,9 +1,9 @@
-//! Outcome of a trial, judged from the truth by the same criteria for every planner.
+//! Outcome of a trial. The criteria use the truth and are the same for every planner.
 //!
 //! Success: at the first foot contact, normal and tangential speed relative to the deck are at most 1.0 m/s
 //! and the tilt difference is at most 10 deg; later impacts are at most 1.0 m/s; only feet touch, and only
-//! the deck; no keep-out volume is entered; motors stop within 2 s of first contact; from 1 s later, all four
-//! feet stay inside the deck's edges for 3 s; all within 180 s of the start.
+//! the deck; no keep-out volume is entered; motors stop within 2 s of first contact; starting 1 s after that
+//! stop, all four feet stay inside the deck's edges for 3 s; all this happens within 180 s of the start.
 
 #[cfg(test)]
 mod tests;
@@ -17,30 +17,30 @@ pub const MAX_CONTACT_MPS: f64 = 1.0;
 pub const MAX_TILT_ERROR_RAD: f64 = 10.0 * core::f64::consts::PI / 180.0;
 /// Maximum time from first contact to the stop of the motors, s.
 pub const MAX_STOP_S: f64 = 2.0;
-/// Time from the stop of the motors until the rest on the deck begins, s.
+/// Time from the stop of the motors to the start of the rest period, s.
 pub const SETTLING_S: f64 = 1.0;
 pub const REST_S: f64 = 3.0;
 pub const TIME_LIMIT_S: f64 = 180.0;
-/// Maximum height of a foot that counts as on the deck, m.
+/// Maximum height of a foot above the deck that counts as contact, m.
 pub const ON_DECK_M: f64 = 0.02;
-/// Speed of an impact that is counted separately, whatever its part, direction and time, m/s.
+/// Speed above which an impact is counted separately, for any part, direction and time, m/s.
 pub const FAST_CONTACT_MPS: f64 = 2.0;
-/// Minimum height of the lowest foot for a stop of the motors in the air, m.
+/// Minimum height of the lowest foot at which stopped motors count as a stop in the air, m.
 pub const FALSE_STOP_M: f64 = 0.10;
-/// Largest limit ratio of a safe trial.
+/// Maximum limit ratio of a safe trial.
 const BELOW_LIMIT: f64 = 1.0 - 1e-9;
-/// Reason after the time limit, if nothing else has failed.
+/// Reason for a time-out without another failure.
 const NOT_AT_REST: &str = "not at rest on the deck";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Ending {
     Success,
-    /// A contact that exceeds the normal speed.
+    /// Normal speed above the limit at any contact.
     Hard,
-    /// First contact above the tangential speed.
+    /// Tangential speed above the limit at first contact.
     Fast,
-    /// First contact above the tilt difference.
+    /// Tilt difference above the limit at first contact.
     Tilted,
     Missed,
     /// A foot crossed the deck's edge after landing.
@@ -78,9 +78,9 @@ impl Ending {
 /// An impact of the drone, from the truth just before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
-    /// False: a part other than a foot.
+    /// False: the contact was with a part other than a foot.
     pub foot: bool,
-    /// True: the deck's upper surface; false: its side.
+    /// True: contact with the deck's upper surface; false: with its side.
     pub on_deck: bool,
     pub normal_mps: f64,
     pub tangential_mps: f64,
@@ -102,7 +102,7 @@ pub struct TrialObservation<'a> {
     pub descending: bool,
     pub attempts: u32,
     pub gave_up: bool,
-    /// Reason that delays the mission's next state.
+    /// Reason for which the mission delays its next state.
     pub waiting: Reason,
     pub in_water: bool,
     /// Distance from the drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
@@ -116,18 +116,17 @@ impl TrialObservation<'_> {
     }
 }
 
-/// Outcome of a trial; metrics of first contact are null without a contact.
+/// Outcome of a trial; metrics of the first contact are null without a contact.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Outcome {
     pub outcome: Ending,
     pub success: bool,
-    /// The ending, with the value that decided it.
+    /// Cause of the ending, with the value that decided it.
     pub reason: String,
     pub seed: u64,
-    /// Name of the sea, as the caller gave it.
     pub sea: String,
     pub planner: String,
-    /// Number of begun descents.
+    /// Number of descents begun.
     pub attempts: u32,
     /// Number of contacts that exceed the limits.
     pub unsafe_contacts: u32,
@@ -137,8 +136,8 @@ pub struct Outcome {
     pub collisions: u32,
     #[serde(default)]
     pub contacts_above_2_mps: u32,
-    /// Maximum ratio of metric to limit over all contacts: at least 1 exactly if the trial was unsafe; 0
-    /// without contact.
+    /// Maximum ratio of a metric to its limit over all contacts: 1 or more if and only if the trial was
+    /// unsafe; 0 without contact.
     #[serde(default)]
     pub limit_ratio: f64,
     /// Number of entries into keep-out volumes; absent without volumes.
@@ -162,9 +161,9 @@ pub struct Outcome {
     pub pitch_error_deg: Option<f64>,
     /// Yaw of the drone relative to the deck, in the deck's axes, at first contact, deg.
     pub yaw_error_deg: Option<f64>,
-    /// Time from the start of the first descent to first contact, interruptions included, s.
+    /// Time from the start of the first descent to first contact, including interruptions, s.
     pub landing_time_s: Option<f64>,
-    /// Time from first being within 2 m horizontally to first contact, s.
+    /// Time from first being within 2 m of the deck centre horizontally to first contact, s.
     pub over_deck_time_s: Option<f64>,
     pub stop_time_s: Option<f64>,
     /// Age of the newest vessel estimate in the forecast at first contact, s; null when none was used.
@@ -185,21 +184,21 @@ pub struct Outcome {
     /// Simulated time including warm-up, s.
     pub sim_time_s: f64,
     pub wall_time_s: f64,
-    /// 99th percentile of the durations of the planner's steps, ms; null where they are not measured.
+    /// 99th percentile of the planner's step durations, ms; null if not measured.
     #[serde(default)]
     pub solve_p99_ms: Option<f64>,
-    /// Hash of every true state and set-point; equal digests mean equal bits.
+    /// Hash of every true state and set-point; equal digests mean bit-identical flights.
     pub digest: String,
 }
 
 impl Outcome {
-    /// The drone neither landed in time nor exceeded a contact limit: it waited, aborted, or began its
-    /// descent too late.
+    /// Whether the drone neither landed in time nor exceeded a contact limit: it waited, aborted, or began
+    /// its descent too late.
     pub fn is_rejected(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
         out_of_time && self.unsafe_contacts == 0
     }
-    /// Neither a success nor [`Outcome::is_rejected`].
+    /// Whether the trial is neither a success nor [`Outcome::is_rejected`].
     pub fn is_unsafe(&self) -> bool {
         !self.success && !self.is_rejected()
     }
@@ -225,26 +224,24 @@ pub struct Judge {
     water_contacts: u32,
     fast_contacts: u32,
     nearest: f64,
-    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is
-    /// inside now.
+    /// Number of entries into keep-out volumes, minimum distance from one (m), and whether the drone is inside one now.
     keep_out: Option<(u32, f64, bool)>,
     collisions: u32,
     attempts: u32,
     rest_error: Option<f64>,
     ended: bool,
-    /// Times of the mission's reasons to wait, and the time of the newest observation, s.
+    /// Durations of the mission's reasons to wait, and the time of the newest observation, s.
     waited: WaitingTimes,
     newest_s: f64,
 }
 
-/// Distance from the deck centre to the feet's centroid, m.
 pub(super) fn centroid_error(feet: &[[f64; 3]; 4]) -> f64 {
     let mean = |i: usize| feet.iter().map(|f| f[i]).sum::<f64>() / 4.0;
     mean(0).hypot(mean(1))
 }
 
 impl Judge {
-    /// Judges one tick; true when the trial is over. `half_deck`: half the deck's length and width, m.
+    /// Judges one tick; returns true when the trial is over. `half_deck` is half the deck's length and width, m.
     pub fn observe(&mut self, o: &TrialObservation<'_>, half_deck: [f64; 2]) -> bool {
         self.attempts = o.attempts;
         self.waited.add(o.waiting, o.t_s - self.newest_s);
@@ -324,7 +321,7 @@ impl Judge {
         if !touch.foot {
             self.fail(
                 Ending::Tipped,
-                format!("something other than a foot touched at {normal:.2} m/s"),
+                format!("a part other than a foot touched at {normal:.2} m/s"),
             );
         } else if !touch.on_deck {
             self.fail(
@@ -403,7 +400,7 @@ impl Judge {
     }
 
     fn fail(&mut self, ending: Ending, reason: String) {
-        // The first failure decides; later ones follow from it.
+        // The first failure decides; later failures follow from it.
         self.failure.get_or_insert((ending, reason));
     }
 

@@ -1,8 +1,8 @@
-//! The simulated world without Alight's nodes: sea, vessel and drones with their sensors.
-//! [`super::world::World`] and the process of the simulated vehicles share it.
+//! The simulated world without Alight's nodes: sea, vessel and drones with their sensors. It is shared by
+//! [`super::world::World`] and the process that simulates vehicles in live flights.
 //!
-//! Drones make contact with the nearest deck and the water only. Overlaps of drones count as collisions, and
-//! entries into keep-out volumes are judged; neither stops a flight.
+//! Drones make contact only with the nearest deck and the water. Overlapping drones count
+//! as a collision, and entries into keep-out volumes are judged; neither stops a flight.
 
 mod neighbour;
 
@@ -38,10 +38,10 @@ use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
 
 pub const TICK: Span = Span::from_millis(10);
 pub const VESSEL_ID: u32 = 1;
-/// Identity of the first drone; further drones have the next numbers.
+/// Identity of the first drone; further drones have consecutive numbers.
 pub const DRONE_ID: u32 = 1;
 pub const BOOT: u32 = 1;
-/// Depth below the deck's surface at which a contact is with its side, m.
+/// Depth below the deck's surface from which a contact is with the deck's side, m.
 const BELOW_SURFACE_M: f64 = 0.05;
 
 /// One drone; it has no body before it appears.
@@ -50,13 +50,13 @@ struct Plant {
     streams: Streams,
     sensors: DroneSensors,
     drone: Option<SimulatedDrone>,
-    /// Origin of its autopilot's NED.
+    /// Origin of the autopilot's NED.
     origin: Datum,
     sequence: u32,
     contacts: Vec<ContactEvent>,
     in_water: bool,
     motors_on: bool,
-    /// Whether it overlaps another drone, and the number of overlaps so far.
+    /// Whether the drone overlaps another, and the number of overlaps so far.
     touches_drone: bool,
     collisions: u32,
 }
@@ -89,8 +89,8 @@ impl Plant {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
-    /// Advances by a tick from `t`. The deck moves from `own[0]` to `own[1]`, another boat's deck likewise;
-    /// contact is with the nearer one.
+    /// Advances by a tick from `t`. The vessel's deck moves from `own[0]` to `own[1]`, a neighbouring boat's
+    /// deck likewise; contact is with the nearer of the two.
     fn advance(
         &mut self,
         t: Time<TrueTime>,
@@ -124,14 +124,14 @@ impl Plant {
     }
 }
 
-/// Truth and sensors. Drones count from 0; methods return None for an unknown drone.
+/// Truth and sensors. Drones are numbered from 0; methods return None for an unknown drone.
 pub struct Physics {
     t: Time<TrueTime>,
     started: Time<TrueTime>,
     sea: Sea,
     carrier: DeckCarrier,
     neighbour: Option<Neighbour>,
-    /// Origin of the true NED; None: also the origin of vessel and drones.
+    /// Origin of the true NED; None: it coincides with the origins of vessel and drones.
     place: Option<Datum>,
     vessel_clock: ClockModel,
     vessel_sensors: VesselSensors,
@@ -143,7 +143,7 @@ pub struct Physics {
 }
 
 impl Physics {
-    /// True state before the warm-up.
+    /// The true state before the warm-up.
     pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
         let streams = seed.into();
@@ -225,7 +225,7 @@ impl Physics {
             config.wind.to_deg = Some(self.sea.mean_direction().to_degrees());
         }
         if k > 0 {
-            // All drones have the first one's mean wind.
+            // All drones have the same mean wind.
             let to_deg = wind_to_deg(&self.streams);
             config.wind.to_deg.get_or_insert(to_deg);
         }
@@ -247,13 +247,12 @@ impl Physics {
             }
         }
     }
-    /// Holds a foot down with this force, N, as a strap or net does.
+    /// Holds a foot to the deck with this force, N, as a strap or net does.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
             drone.snag(foot, newton);
         }
     }
-    /// Places a drone on a pad at its scenario's position, motors off.
     pub fn place_drone_on_pad(&mut self, k: usize) {
         self.place_drone(k);
         self.stand_on_pad(k);
@@ -263,7 +262,6 @@ impl Physics {
             drone.stand();
         }
     }
-    /// Simulated autopilot of an airborne drone in a pilot's mode, and its configuration.
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
@@ -294,11 +292,10 @@ impl Physics {
     pub fn vessel_readings(&mut self) -> Readings {
         self.vessel_sensors.step(self.t, &self.carrier.state())
     }
-    /// Bytes (RTCM 3) that a moving base has delivered by now.
     pub fn vessel_rtcm(&mut self) -> Vec<u8> {
         self.vessel_sensors.rtcm(self.t)
     }
-    /// Passes whole frames of the moving base to the drone's receiver.
+    /// Passes complete frames from the moving base to the drone's receiver.
     pub fn receive_rtcm(&mut self, k: usize, bytes: &[u8]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
@@ -308,7 +305,6 @@ impl Physics {
         let first = self.drones.first_mut().into_iter();
         first.for_each(|p| p.sensors.fail_moving_base(faults));
     }
-    /// None before the drone has appeared.
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
         let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
         let neighbour = self.neighbour_deck();
@@ -321,7 +317,7 @@ impl Physics {
     }
 
     /// Changes the vessel's course or speed after a random time, if the scenario has such a change. The
-    /// helmsman does not know of the drone, so the nodes receive no notice.
+    /// helmsman does not know about the drone, so the nodes receive no notice.
     pub fn ask_change(&mut self) {
         self.carrier.ask_change(self.t);
     }
@@ -333,7 +329,7 @@ impl Physics {
     pub fn advance(&mut self) {
         self.advance_with(1, |_, _| None);
     }
-    /// Advances one tick. `motors`, called several times per tick, gets number and state of each drone, and
+    /// Advances one tick. `motors` is called several times per tick with each drone's number and state, and
     /// returns rotor commands as fractions of the maximum thrust; None: motors off.
     pub fn advance_with(
         &mut self,
@@ -365,7 +361,7 @@ impl Physics {
         self.t += TICK;
     }
 
-    /// Counts new overlaps of spheres as wide as rotors and arms.
+    /// Counts new overlaps between drones, modelled as spheres that enclose rotors and arms.
     fn collide(&mut self) {
         let scenario = &self.scenario;
         let span_m = 2.0 * (scenario.airframe.arm_m + scenario.drone.airframe.rotor_radius_m);
@@ -435,11 +431,11 @@ impl Physics {
     pub fn sea(&self) -> &Sea {
         &self.sea
     }
-    /// Present displacement of the vessel's NED plane by its GNSS, m.
+    /// Current displacement of the vessel's NED plane by its GNSS error, m.
     pub fn vessel_gnss_bias(&self) -> Vector3<f64> {
         self.vessel_sensors.gnss_bias()
     }
-    /// Origin of the true NED; None: also the origin of vessel and drones.
+    /// Origin of the true NED; None: it coincides with the origins of vessel and drones.
     pub fn place(&self) -> Option<Datum> {
         self.place
     }
@@ -450,7 +446,7 @@ impl Physics {
     pub fn deck(&self) -> RigidState<Deck> {
         self.carrier.state().at(self.scenario.deck.centre())
     }
-    /// Deck of another boat with the same tags.
+    /// Deck of a neighbouring boat with the same tags.
     pub fn neighbour_deck(&self) -> Option<RigidState<Deck>> {
         let n = self.neighbour.as_ref()?;
         Some(n.deck(&self.deck(), &self.scenario))
@@ -458,11 +454,10 @@ impl Physics {
     pub fn vessel(&self) -> RigidState<VesselBody> {
         self.carrier.state()
     }
-    /// None before the drone appears.
     pub fn drone(&self, k: usize) -> Option<RigidState<DroneBody>> {
         self.drones.get(k).and_then(Plant::truth)
     }
-    /// State, and wind on the drone, NED, towards, m/s; None before it appears.
+    /// State of a drone, and wind on it (NED, direction towards which it blows, m/s); None before it appears.
     pub fn drone_in_wind(&self, k: usize) -> Option<(RigidState<DroneBody>, Vector3<f64>)> {
         let drone = self.drones.get(k)?.drone.as_ref()?;
         Some((drone.truth(), drone.wind()))
@@ -496,7 +491,7 @@ impl Physics {
     pub fn touches(&self, k: usize) -> bool {
         self.drones.get(k).is_some_and(|p| !p.contacts.is_empty())
     }
-    /// Input of the judge; `mission`: the drone's newest mission state.
+    /// Input of the judge; `mission` is the drone's newest mission state.
     pub fn observation(&self, k: usize, mission: &MissionState) -> TrialObservation<'_> {
         let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
         let plant = self.drones.get(k);
@@ -509,7 +504,7 @@ impl Physics {
             relative_euler: [roll, pitch, yaw],
             tilt_error: cos_tilt.clamp(-1.0, 1.0).acos(),
             horizontal_m: (drone.position.0 - deck.position.0).xy().norm(),
-            // Motors that never started have not stopped.
+            // Motors that have never started do not count as stopped.
             motors_on: plant
                 .is_none_or(|p| p.motors_on || p.drone.as_ref().is_some_and(SimulatedDrone::on_pad)),
             descending: matches!(mission.state, State::Descent | State::Flare),

@@ -1,5 +1,4 @@
-//! Test rig of one flight: commands and faults at chosen times, and measurements. Times are s after the
-//! start.
+//! Test rig for one flight: commands and faults at chosen times, and measurements. Times are in s after the start.
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
@@ -15,18 +14,16 @@ pub struct Rig {
     pub world: World,
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
-    /// States of each drone with their entry times, s.
+    /// States entered by each drone, with entry times, s.
     visited: Vec<Vec<(State, f64)>>,
     /// Time of the first drone's first contact, s.
     touched_s: Option<f64>,
 }
 
 impl Rig {
-    /// Rig at the start of a flight.
     pub fn new(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         Rig::observed(scenario, nodes, seed, &mut NoObserver)
     }
-    /// Shows the warm-up to an observer.
     pub fn observed(
         scenario: &Scenario,
         nodes: &NodeConfigs,
@@ -47,14 +44,13 @@ impl Rig {
             touched_s: None,
         }
     }
-    /// Rig at the start, with an order to land.
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
         let mut rig = Rig::new(scenario, nodes, seed)?;
         rig.world.command(CommandKind::Land);
         Ok(rig)
     }
 
-    /// Advances one tick. Checks that two drones never use the deck together.
+    /// Advances one tick, and checks that two drones never use the deck together.
     pub fn tick(&mut self, observer: &mut impl WorldObserver) {
         self.advance(observer);
         assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
@@ -86,7 +82,7 @@ impl Rig {
         }
         done(self)
     }
-    /// Runs for at most `limit_s`. `after` is called after every tick, and ends the run by true.
+    /// Runs for at most `limit_s`. `after` is called after every tick and returns true to stop.
     pub fn each(&mut self, limit_s: f64, mut after: impl FnMut(&mut Rig) -> bool) {
         for _ in 0..(limit_s / TICK.secs()) as u32 {
             self.tick(&mut NoObserver);
@@ -96,7 +92,7 @@ impl Rig {
         }
     }
 
-    /// Begins a fault. One that lasts replaces every other.
+    /// Begins a fault. A lasting fault replaces all other lasting faults.
     pub fn begin(&mut self, kind: FaultKind, size: f64) {
         match kind.effect() {
             Effect::Events(begin, _) => begin(self, size),
@@ -116,7 +112,6 @@ impl Rig {
     pub fn restart_vessel(&mut self) {
         self.world.restart_vessel();
     }
-    /// The crew removes a drone and restarts it.
     pub fn restart_drone(&mut self, k: usize) {
         self.world.restart_drone(k);
     }
@@ -137,21 +132,18 @@ impl Rig {
         let entered = self.visited[k].iter().find(|(s, _)| *s == state);
         entered.map(|(_, t_s)| *t_s)
     }
-    /// States with their entry times, s.
     pub fn entered(&self, k: usize) -> &[(State, f64)] {
         &self.visited[k]
     }
-    /// Time at which the fault's moment began, s.
+    /// Time of the moment from which the fault's delay counts, s.
     pub fn moment_s(&self, fault: &Fault) -> Option<f64> {
         fault.moment_s(self.entered(0), self.touched_s)
     }
-    /// Collective thrust command of the drone's autopilot, 0 to 1.
     pub fn thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
             .map_or(0.0, SimulatedAutopilot::thrust)
     }
-    /// Hover thrust estimate of the drone's autopilot, 0 to 1.
     pub fn hover_thrust(&self, k: usize) -> f64 {
         self.world.drones()[k]
             .autopilot()
@@ -161,11 +153,11 @@ impl Rig {
     pub fn entered_s(&self, k: usize) -> f64 {
         self.visited[k].last().map_or(0.0, |(_, t_s)| *t_s)
     }
-    /// Whether the first drone has been in this state for `after_s`.
+    /// Whether the first drone has been in this state for at least `after_s`.
     pub fn is_due(&self, state: State, after_s: f64) -> bool {
         self.state(0) == state && self.t_s() >= self.entered_s(0) + after_s
     }
-    /// Drones that descend or stand on the deck.
+    /// Drones that are descending or standing on the deck.
     pub fn using_the_deck(&self) -> Vec<usize> {
         let uses = |k: &usize| matches!(self.state(*k), State::Descent | State::Flare | State::Landed);
         (0..self.visited.len()).filter(uses).collect()

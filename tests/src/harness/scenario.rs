@@ -1,4 +1,4 @@
-//! Scenario: the world's parameters and the nodes' configurations.
+//! Scenario: parameters of the simulated world, and configurations of the nodes.
 
 pub mod draws;
 pub mod foresight;
@@ -31,7 +31,7 @@ use crate::sensors::SensorConfig;
 use crate::sensors::noise::Noise;
 
 config! {
-    /// Start of a drone, relative to the vessel at the start.
+    /// Initial state of a drone relative to the vessel.
     pub struct StartConfig {
         /// Horizontal distance, drawn uniformly between these, m.
         /// Source: at least 40 m away at a random place and heading (Procházka 2024); upper bound ours.
@@ -40,12 +40,12 @@ config! {
         /// Source: ours, below and above the approach height of 15 m.
         pub height_m: [f64; 2] = [8.0, 20.0], in 2.0..=120.0;
         /// Time for which the vessel's estimator runs before the order to land, s.
-        /// Source: it works from an unknown sea within 60 s.
+        /// Source: the estimator converges in an unknown sea within 60 s.
         pub warm_up_s: f64 = 60.0, in 0.0..=600.0;
-        /// Start disarmed in the middle of the deck, instead of hovering next to the vessel.
+        /// Start disarmed at the deck's centre, instead of hovering next to the vessel.
         pub on_deck: bool = false;
         /// Time for which the drone hovers before the order to land, s.
-        /// Source: ours; the link finds the autopilot, and a pilot selects its mode.
+        /// Source: ours; in this time the link finds the autopilot, and a pilot selects its mode.
         pub hover_s: f64 = 5.0, in 1.0..=60.0;
     }
     check |this, at| {
@@ -59,17 +59,16 @@ config! {
 }
 
 config! {
-    /// Place of the scene on Earth, and origins of the drones' frames. The vessel's frame starts at its first
-    /// fix.
+    /// Geographic position of the scene, and origins of the drones' frames. The vessel's frame starts at its first fix.
     pub struct PlaceConfig {
-        /// Possible origins of the scene's NED; the seed selects one, and the vessel's devices send bytes.
-        /// Empty: both craft use the scene's NED, and the devices give quantities, because bytes need
-        /// latitude and longitude.
+        /// Candidate origins of the scene's NED. The seed selects one, and the vessel's devices send bytes.
+        /// Empty: vessel and drones use the scene's NED, and the devices give quantities, because their byte
+        /// formats need latitude and longitude.
         pub among: Vec<Datum> = Vec::new();
-        /// Distance from the origin of a drone's autopilot to its start, drawn uniformly between these, m.
-        /// Chosen: the autopilot is switched on ashore, or aboard some time before.
+        /// Distance from a drone's start to the origin of its autopilot's frame, drawn uniformly between these, m.
+        /// Chosen: the autopilot is switched on ashore, or some time earlier aboard.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
-        /// Height of that origin above the still water, drawn uniformly between these, m.
+        /// Height of that origin above still water, drawn uniformly between these, m.
         pub origin_height_m: [f64; 2] = [0.0, 30.0], in 0.0..=1000.0;
     }
     check |this, at| {
@@ -90,7 +89,7 @@ config! {
 
 impl PlaceConfig {
     /// Four positions at sea: south, west, at the date line, far north. Heights of the sea above the
-    /// ellipsoid by EGM96, within metres.
+    /// ellipsoid follow EGM96 to within metres.
     pub fn four_seas() -> Self {
         PlaceConfig {
             among: vec![
@@ -115,7 +114,7 @@ config! {
         pub sea: SeaConfig;
         /// The vessel.
         pub vessel: VesselConfig;
-        /// A response table that moves the vessel, instead of the hull model.
+        /// Response table that moves the vessel, instead of the hull model.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub hull: Option<HullConfig> = None;
         /// Recorded motion of the deck, instead of the vessel's simulated motion.
@@ -126,39 +125,38 @@ config! {
         /// True keep-out volumes, at most 8: two opposite corners of each box in the vessel's body frame, m.
         #[serde(skip_serializing_if = "Vec::is_empty")]
         pub keep_out_m: Vec<[[f64; 3]; 2]> = Vec::new(), in -200.0..=200.0;
-        /// The drone's true geometry; mass and thrust errors are in `drone.airframe`.
+        /// The drone's true geometry; its mass and thrust errors are in `drone.airframe`.
         pub airframe: DroneGeometry;
         /// The drone's physics and autopilot.
         pub drone: DroneConfig;
         /// Place on Earth.
         pub place: PlaceConfig;
-        /// Distance of another boat with the same tags, between deck centres, m; it rocks independently.
-        /// None: no neighbour.
+        /// Distance between the deck centres of the vessel and another boat with the same tags, which rocks
+        /// independently, m. None: no other boat.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub neighbour_m: Option<f64> = None, in 1.0..=500.0;
         /// Differences between the true parameters and those in the nodes' configurations.
         pub draws: DrawConfig;
         /// Start of the drone.
         pub start: StartConfig;
-        /// Number of drones, each with its own computer. Several drones each request a reservation of the
-        /// deck.
+        /// Number of drones, each with its own computer. With several drones, each requests a reservation of the deck.
         pub drones: u32 = 1, in 1.0..=8.0;
         /// Sensors and clocks.
         pub sensors: SensorConfig;
         /// The radio.
         pub radio: SimulatedRadioConfig;
         /// Begin the descent at a random moment within 20 s after the drone is steady above the deck, and
-        /// continue it at any probability of success, to compare prediction and outcome.
+        /// continue it regardless of the probability of success, to compare prediction and outcome.
         pub begin_anyway: bool = false;
-        /// Parts of the forecasts that the truth replaces, for an error budget.
+        /// Parts of the forecasts that are replaced by the truth, for an error budget.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub foresight: Option<ForesightConfig> = None;
         /// Time from the planner's step to the plan's arrival at the pilot, s.
-        /// Source: one period of the planner at 50 Hz; a plan is used one period after its inputs.
+        /// Source: one period of the planner at 50 Hz; a plan is used one period after its inputs are measured.
         pub solve_delay_s: f64 = 0.02, in 0.0..=1.0;
         /// Time for which the world continues after the outcome is known, s.
         pub stay_s: f64 = 0.0, in 0.0..=3600.0;
-        /// Faults, as in a storm's list; `lasts_s` may be `inf`.
+        /// Faults, in the format of a storm's list; `lasts_s` may be `inf`.
         #[serde(rename = "fault", skip_serializing_if = "Vec::is_empty")]
         pub faults: Vec<Fault> = Vec::new();
     }
@@ -169,7 +167,7 @@ config! {
                 this.deck_motion.is_none(),
                 "hull",
                 &hull.table,
-                "left out where `deck_motion` is given: one of the two moves the deck",
+                "no table if `deck_motion` is set: only one of the two can move the deck",
             )?;
         }
         if let Some(motion) = &this.deck_motion {
@@ -181,7 +179,7 @@ config! {
 
 impl Scenario {
     /// Installs a hull: twin-5m, mono-5m, work-12m, or the path of a response table. Deck and sensors are
-    /// placed as in its file; the nodes get the values that an installer would measure.
+    /// placed as in the hull's file; the nodes get the values that an installer would measure.
     pub fn install_hull(&mut self, nodes: &mut NodeConfigs, hull: &str) -> Result<(), SetupError> {
         let places = HullFiles::load(hull)?.places;
         self.hull = Some(HullConfig {
@@ -198,14 +196,14 @@ impl Scenario {
         nodes.vessel.imu.lever_arm_m = imu;
         Ok(())
     }
-    /// Sets the world's deck, obstacles around it and drone to these configurations.
+    /// Sets the deck, the obstacles around it and the drone of the world to these configurations.
     pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
         (self.deck, self.airframe) = (*deck, *drone);
         self.keep_out_m = around.keep_out_m.clone();
-        // The simulated autopilot's range.
+        // Clamped to the simulated autopilot's range.
         self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));
     }
-    /// Sets the wind that causes this sea, along its waves.
+    /// Sets the wind that corresponds to this sea, along its waves.
     pub fn raise_wind(&mut self) {
         let wind = &mut self.drone.wind;
         wind.mean_mps = SeaConfig::wind_of_height(self.sea.significant_height());
@@ -223,7 +221,6 @@ pub enum SetupError {
     DeckMotion(#[from] DeckMotionError),
 }
 
-/// Configurations of all installed nodes, and the trial's planner.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NodeConfigs {
     pub vessel: VesselNodeConfig,
@@ -232,9 +229,8 @@ pub struct NodeConfigs {
     pub autopilot: AutopilotLinkConfig,
     /// Settings of the drone's other processes.
     pub drone: DroneSettings,
-    /// Replaces the drone's planner.
     pub baseline: Option<Baseline>,
-    /// Replaces the law of the drone's planner, or of the baseline.
+    /// Law that replaces that of the drone's planner, or of the baseline.
     pub own: Option<OwnLaw>,
     /// Corrects the forecasts of the drone's predictor.
     pub predictor: Option<OwnPredictor>,
@@ -260,7 +256,7 @@ impl NodeConfigs {
         if let Some(baseline) = &self.baseline {
             settings.mission = baseline.mission(settings.mission);
             settings.predictor = baseline.predictor(settings.predictor);
-            // A baseline has no settings of its own.
+            // A baseline has no settings of its own and uses those of `alight`.
             settings.planner.kind = PlannerKind::Alight;
         }
         settings

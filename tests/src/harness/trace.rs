@@ -10,7 +10,7 @@ pub struct TracePoint {
     pub drone_velocity: [f64; 3],
     pub deck_velocity: [f64; 3],
     pub deck_yaw: f64,
-    /// Position of the feet's centroid relative to the deck centre: forward, starboard, up from the deck's plane, m.
+    /// Feet's centroid relative to the deck centre: forward, starboard, up from the deck's plane, m.
     pub displacement: [f64; 3],
     /// Attitude relative to the deck's axes: roll, pitch, yaw, rad.
     pub relative_euler: [f64; 3],

@@ -1,4 +1,4 @@
-//! One landing, from a scenario, the nodes' configurations and a seed to an [`Outcome`].
+//! One landing: from a scenario, the nodes' configurations and a seed to an [`Outcome`].
 
 use alight_shared::msg::{CommandKind, Reason, State};
 use alight_shared::time::Span;
@@ -12,7 +12,6 @@ use crate::harness::storm::Schedule;
 use crate::harness::trace::Trace;
 use crate::harness::world::World;
 
-/// Event for a user while the trial runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     Phase {
@@ -22,7 +21,6 @@ pub enum Event {
     },
 }
 
-/// Requests in addition to the outcome.
 pub struct Watch<'a> {
     pub on_event: &'a mut dyn FnMut(&Event),
     /// Interval of the trace's points, s; None: no trace.
@@ -34,7 +32,7 @@ pub struct FlownTrial {
     pub trace: Option<Trace>,
 }
 
-/// `sea`: its name in the outcome.
+/// `sea` is the sea's name in the outcome.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -70,7 +68,7 @@ pub fn fly_with(
     Ok(land(world, scenario, nodes, seed, sea, watch, observer))
 }
 
-/// The warm-up of `world` has not begun.
+/// The warm-up of `world` has not begun yet.
 pub fn land(
     mut world: World,
     scenario: &Scenario,

@@ -1,4 +1,4 @@
-//! The vessel's computer in lock-step: the rows of [`VesselRows`], with the vessel's sensors at their edge.
+//! The vessel's computer in lock-step: the rows of [`VesselRows`] with the vessel's sensors at their edge.
 
 use core::mem::swap;
 
@@ -24,10 +24,9 @@ use alight_usv::sensors::{
 use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
 
 const QUANTITIES: &str = "quantities";
-/// Maximum number of delayed readings, more than 0.5 s of ticks.
+/// Maximum number of delayed readings; corresponds to more than 0.5 s of ticks.
 const MAX_LATE: usize = 256;
 
-/// Rows of the computer, and their input.
 pub(super) struct VesselSide {
     bus: LockStep,
     rows: VesselRows<LockStep>,
@@ -42,7 +41,7 @@ pub(super) struct VesselSide {
     waiting: ComputerIn,
 }
 
-/// Measurements of a tick: quantities, and bytes of a moving base.
+/// Measurements of one tick: quantities, and bytes from a moving base.
 pub(super) type Measured = (Readings, Vec<u8>);
 
 struct SensorEdge {
@@ -55,7 +54,7 @@ struct SensorEdge {
 }
 
 impl SensorEdge {
-    /// Delays readings measured at `t`; returns those that arrive at `t`.
+    /// Delays readings measured at `t`, and returns those that arrive at `t`.
     fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
@@ -71,11 +70,11 @@ impl SensorEdge {
         }
         arrived
     }
-    /// `ahead`: lead of the vessel's steady clock.
+    /// `ahead` is the lead of the vessel's steady clock.
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
         shift(&mut readings, ahead);
-        // The last source gives the quantities.
+        // The last source carries the quantities.
         let bytes = bytes.unwrap_or_else(|| vec![rtcm]);
         let mut samples = vec![Vec::new(); self.given_by];
         samples.push(quantities(&readings, self.boat.is_none()));
@@ -123,14 +122,14 @@ impl VesselSide {
     fn start(&mut self, process: ProcessKind) {
         let Ok(()) = self.rows.start(process, &self.bus, (&self.nodes, self.boot));
     }
-    /// Returns the process's checkpoint.
+    /// Restarts the process and returns its checkpoint.
     pub(super) fn restart_vessel(&mut self) -> Option<VesselCheckpoint> {
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
         self.start(ProcessKind::Vessel);
         kept
     }
-    /// Node of the second row; None: its process is dead.
+    /// Node of the second row; None if its process is dead.
     pub(super) fn vessel(&self) -> Option<&VesselComputer> {
         self.rows.vessel.as_ref().map(|row| &row.node)
     }
@@ -139,13 +138,12 @@ impl VesselSide {
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
     }
-    /// Replaces the present faults.
     pub(super) fn fail(&mut self, failing: &Failing) {
         self.sensors.faults = failing.vessel;
         self.stands_still = failing.frozen.vessel;
     }
-    /// Steps each row with the devices' measurements, and the second with `received` messages; shows the
-    /// steps to `look`. `ahead`: lead of the steady clock over its simulated clock model.
+    /// Steps each row with the devices' measurements, and the second row also with the `received` messages;
+    /// shows the steps to `look`. `ahead` is the lead of the steady clock over its simulated clock model.
     pub(super) fn tick(
         &mut self,
         (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
@@ -188,9 +186,9 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, as an installer configures them. The last source gives the quantities of
-/// devices without bytes: an attitude sensor, or all devices of a scene without a place on Earth. Its latency
-/// is the shortest of theirs.
+/// Sources of the scene's vessel, as an installer configures them. The last source carries the quantities of
+/// devices without bytes: an attitude sensor, or all devices of a scene without a geographic position. Its
+/// latency is the shortest of these devices.
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
@@ -212,14 +210,13 @@ pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     SourcesConfig { sources }.placed(&nodes.vessel.imu, &nodes.vessel.gnss)
 }
 
-/// One device per source; None in a scene without a place on Earth.
+/// One device per source; None in a scene without a geographic position.
 fn devices(scenario: &Scenario, sources: &[SourceConfig], clock: ClockModel) -> Option<Boat> {
     let carries = Carries::assign(sources).filter(|_| !scenario.place.among.is_empty())?;
     Some(Boat::new(sources, carries, &scenario.sensors, clock))
 }
 
-/// Quantities that have arrived, stamped by the devices' clock: of the attitude sensor only, or of `all`
-/// devices.
+/// Quantities that have arrived, stamped by the devices' clock: from `all` devices, or from the attitude sensor only.
 fn quantities(measured: &Readings, all: bool) -> Vec<SourceMeasurement> {
     fn of<M: Copy + Into<Measurement>>(all: &[M]) -> impl Iterator<Item = SourceMeasurement> {
         all.iter().map(|m| {

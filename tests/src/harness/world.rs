@@ -2,7 +2,7 @@
 //! diagram: the vessel's computer; the radio; on each drone's computer ([`SimulatedDroneComputer`]) bridge,
 //! predictor, mission, planner, pilot and autopilot link; then autopilots and physics.
 //!
-//! Delays (radio, clocks, solve time, autopilot wire) are part of the world, not of the nodes.
+//! Delays (radio, clocks, solve time, autopilot wire) belong to the world, not to the nodes.
 
 pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
@@ -28,33 +28,33 @@ use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 
-/// Time constant of a load on the vessel, s: a crew member shifts weight.
+/// Time constant with which a load on the vessel builds up, s: a crew member shifts their weight.
 const PUSH_RISE_S: f64 = 0.4;
-/// Steady clock after a power loss, s.
+/// Reading of the steady clock after a power loss, s.
 const BOOT_S: f64 = 20.0;
 /// Roll period in another ship's wake, s.
 const WAKE_S: f64 = 2.5;
 
 pub struct World {
     physics: Physics,
-    /// Kept for restarts of computers.
+    /// Kept for restarting computers.
     scenario: Scenario,
     nodes: NodeConfigs,
     /// True motion, for forecasts that use it.
     foresight: Option<Foresight>,
     vessel: VesselSide,
-    /// Input since the last tick from crew, operators and the previous start.
+    /// Input since the last tick from crew and operators, and from the previous start of the process.
     given: ComputerIn,
     operator_sequence: u32,
-    /// Drones report to the vessel, which grants its deck and relays commands. Off for a single drone without
-    /// reservation, to save time.
+    /// Drones report to the vessel, which grants its deck and relays commands. Disabled for a single drone
+    /// without reservation to save time.
     is_deck_shared: bool,
-    /// Owner by the vessel's newest grant; 0: no owner.
+    /// Deck owner according to the vessel's newest grant; 0: no owner.
     deck_owner: u32,
     drones: Vec<SimulatedDroneComputer>,
     /// Rate errors of the steady clocks of vessel and first drone, s/s.
     clock_rates: [f64; 2],
-    /// Present and commanded force and moment on the vessel, N and Nm.
+    /// Current and commanded force and moment on the vessel, N and Nm.
     push: [f64; 6],
     wanted_push: [f64; 6],
     wake_nm: f64,
@@ -98,7 +98,6 @@ impl World {
             vessel_ahead: Span::ZERO,
         })
     }
-    /// Replaces the present faults of the first drone and the vessel.
     pub fn fail(&mut self, failing: &Failing) {
         for (k, drone) in self.drones.iter_mut().enumerate() {
             if k == 0 {
@@ -111,11 +110,11 @@ impl World {
         (self.clock_rates, self.wanted_push, self.wake_nm) =
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
-    /// Runs the vessel's side until the start; the drones appear shortly before it.
+    /// Runs the vessel until the start; the drones appear shortly before it.
     pub fn warm_up(&mut self, observer: &mut impl WorldObserver) {
         while self.warm_up_tick(observer) {}
     }
-    /// One tick; false once the warm-up is over.
+    /// Runs one tick; returns false once the warm-up is over.
     pub fn warm_up_tick(&mut self, observer: &mut impl WorldObserver) -> bool {
         let now = self.physics.now();
         if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
@@ -140,7 +139,7 @@ impl World {
     pub fn lighten(&mut self, fraction: f64) {
         self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
     }
-    /// Reports, grants and relayed commands also for a single drone.
+    /// Enables reports, grants and relayed commands for a single drone, too.
     pub fn set_deck_shared(&mut self) {
         self.is_deck_shared = true;
     }
@@ -157,12 +156,11 @@ impl World {
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.vessel.order(self.vessel_now(), order);
     }
-    /// Levels of the deck's digital inputs.
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
         self.given.deck_inputs = inputs;
     }
-    /// The crew removes the drone and restarts it with its computer; it appears in the air at its start
-    /// position.
+    /// Simulates a crew that removes a drone and restarts it with its computer; it appears in the air at its
+    /// start position.
     pub fn restart_drone(&mut self, k: usize) {
         let before = &self.drones[k];
         let radio = before.radio.clone();
@@ -171,16 +169,14 @@ impl World {
         self.drones[k].radio = radio;
         self.drones[k].appear(&mut self.physics);
     }
-    /// Holds a foot down with this force, N.
     pub fn snag(&mut self, k: usize, foot: usize, newton: f64) {
         self.physics.snag(k, foot, newton);
     }
-    /// A pilot has landed and disarmed a drone on a pad at its present position.
+    /// Places a drone on a pad at its current position, as landed and disarmed by a pilot.
     pub fn stand_on_pad(&mut self, k: usize) {
         self.physics.stand_on_pad(k);
         self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
     }
-    /// None before the drone has appeared.
     pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
         self.drones[k].linked.as_mut()
     }
@@ -188,11 +184,9 @@ impl World {
     pub fn kill(&mut self, k: usize, process: ProcessKind) {
         self.drones[k].kill(process);
     }
-    /// Restarts the process, with or without its checkpoint.
     pub fn start(&mut self, k: usize, process: ProcessKind, checkpoints: Checkpoints) {
         self.drones[k].start(process, checkpoints, (&self.physics, &self.nodes));
     }
-    /// Kills the supervisor and all processes of a drone's computer.
     pub fn kill_computer(&mut self, k: usize) {
         self.drones[k].kill_all();
     }
@@ -213,17 +207,15 @@ impl World {
         drone.restart_clock(now + drone.ahead, ahead);
     }
 
-    /// Replaces the pilot's set-point from now on.
     pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
         self.drones[k].fly_by(set_point);
     }
-    /// Adds `by_rad` to the heading error of a drone's autopilot.
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);
         }
     }
-    /// Resets the position in a drone's autopilot by `by`, m; `counted`: its reset counter is incremented.
+    /// Resets the position in a drone's autopilot by `by`, m; `counted` increments its reset counter.
     pub fn reset_position(&mut self, k: usize, by: &Vector3<f64>, counted: bool) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_position(by, counted);
@@ -237,11 +229,11 @@ impl World {
         };
     }
 
-    /// Changes the vessel's course or speed, as a first descent does.
+    /// Changes the vessel's course or speed, as happens during a first descent.
     pub fn ask_change(&mut self) {
         self.physics.ask_change();
     }
-    /// Interrupts a drone's radio, s; infinite: permanently. A second outage does not replace the first.
+    /// Interrupts a drone's radio for `lasts_s` (infinite: permanently). A second outage does not replace the first.
     pub fn radio_outage(&mut self, k: usize, lasts_s: f64) {
         let from = self.physics.now();
         // Longer than any trial.
@@ -249,7 +241,7 @@ impl World {
         self.drones[k].radio.set_outage([from, until]);
     }
 
-    /// Advances by one tick of 10 ms; the observer sees the first drone's rows.
+    /// Advances by one tick of 10 ms; shows the first drone's rows to the observer.
     pub fn tick(&mut self, observer: &mut impl WorldObserver) {
         let t = self.physics.now();
         observer.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
@@ -294,7 +286,7 @@ impl World {
             first.apart.set(self.vessel_ahead - first.ahead);
         }
     }
-    /// Applies the load on the vessel, which rises gradually, and the moment of another ship's wake.
+    /// Applies the load on the vessel, which builds up gradually, and the moment of another ship's wake.
     fn push_vessel(&mut self, t: Time<TrueTime>) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
@@ -346,7 +338,6 @@ impl World {
     pub fn physics(&self) -> &Physics {
         &self.physics
     }
-    /// Whether a drone requests that the vessel keep course and speed.
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();
         self.vessel
@@ -362,7 +353,7 @@ impl World {
     pub fn mission_state(&self) -> &MissionState {
         &self.drones[0].mission_state
     }
-    /// Judge's input for the first drone.
+    /// Input of the judge for the first drone.
     pub fn observation(&self) -> TrialObservation<'_> {
         self.observation_of(0)
     }

@@ -3,19 +3,16 @@ use nalgebra::Vector3;
 
 use super::spline::Jet;
 
-/// State of a rigid body's reference point; `B` is its FRD body frame.
+/// State of a rigid body's reference point, SI units; `B` is the body's FRD frame.
 #[derive(Clone, Copy)]
 pub struct RigidState<B> {
     pub position: Point<TrueNed>,
-    /// Velocity, m/s.
     pub velocity: Vector<TrueNed>,
     /// Acceleration without gravity, m/s².
     pub acceleration: Vector<TrueNed>,
     /// Rotation NED from body.
     pub attitude: Rotation<TrueNed, B>,
-    /// Angular velocity, rad/s.
     pub rates: Vector<B>,
-    /// Angular acceleration, rad/s².
     pub angular_acceleration: Vector<B>,
 }
 
@@ -33,8 +30,8 @@ impl<B> Default for RigidState<B> {
 }
 
 impl<B: Frame> RigidState<B> {
-    /// State of the point at `lever_arm` (body frame, m), with the parallel axes `P`: `v = v0 + w x r`, `a =
-    /// a0 + dw x r + w x (w x r)`.
+    /// State of the point at `lever_arm` (body frame, m), expressed in the parallel axes `P`: `v = v0 + w x
+    /// r`, `a = a0 + dw x r + w x (w x r)`.
     pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {
         let (w, dw) = (self.rates.0, self.angular_acceleration.0);
         let turn = |v: Vector3<f64>| self.attitude * Vector::<B>::from(v);

@@ -1,4 +1,4 @@
-//! True sea, vessel and drones and their contact with the deck, from the seed's random streams.
+//! True sea, vessel and drones, and their contact with the deck, driven by the seed's random streams.
 
 pub mod body;
 pub mod deck_motion;

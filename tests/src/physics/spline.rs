@@ -1,17 +1,13 @@
-//! Natural cubic splines through several channels with common knots.
-
-/// A value with its first two derivatives.
+/// A value with its first (`d`) and second (`dd`) derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Jet {
     pub y: f64,
-    /// First derivative.
     pub d: f64,
-    /// Second derivative.
     pub dd: f64,
 }
 
 impl Jet {
-    /// `(1 - b) a + b c`, with a jet `b`.
+    /// `(1 - b) a + b c`, where the weight `b` is a jet.
     pub fn blend(a: Jet, c: Jet, b: Jet) -> Jet {
         let (y, d, dd) = (c.y - a.y, c.d - a.d, c.dd - a.dd);
         Jet {
@@ -20,7 +16,6 @@ impl Jet {
             dd: a.dd + b.dd * y + 2.0 * b.d * d + b.y * dd,
         }
     }
-    /// The jet with `offset` added to its value.
     pub fn shifted(self, offset: f64) -> Jet {
         Jet {
             y: self.y + offset,
@@ -29,7 +24,7 @@ impl Jet {
     }
 }
 
-/// Step from 0 to 1 over `width`, at `x`: `10 s³ - 15 s⁴ + 6 s⁵`, twice differentiable.
+/// Step from 0 to 1 over `width`, evaluated at `x`: `10 s³ - 15 s⁴ + 6 s⁵`, twice differentiable.
 pub fn smooth_step(x: f64, width: f64) -> Jet {
     let s = (x / width).clamp(0.0, 1.0);
     Jet {
@@ -39,7 +34,8 @@ pub fn smooth_step(x: f64, width: f64) -> Jet {
     }
 }
 
-/// Natural cubic splines (second derivative zero at both ends), twice continuously differentiable.
+/// Natural cubic splines (second derivative zero at both ends) through several channels with common knots;
+/// twice continuously differentiable.
 #[derive(Clone, Debug)]
 pub struct Splines<const N: usize> {
     x: Vec<f64>,
@@ -48,7 +44,7 @@ pub struct Splines<const N: usize> {
 }
 
 impl<const N: usize> Splines<N> {
-    /// `x` ascends strictly; None unless both have the same number of knots, at least two.
+    /// `x` must be strictly ascending. Returns None unless `x` and `y` have the same number of knots, at least two.
     pub fn through(x: Vec<f64>, y: Vec<[f64; N]>) -> Option<Self> {
         let n = x.len();
         if n < 2 || y.len() != n || !x.windows(2).all(|w| w[0] < w[1]) {
@@ -78,7 +74,7 @@ impl<const N: usize> Splines<N> {
         (self.x[0], self.x[self.x.len() - 1])
     }
 
-    /// Values at `at`, clamped to the range.
+    /// Values at `at`, which is clamped to the range of the knots.
     pub fn at(&self, at: f64) -> [Jet; N] {
         let (low, high) = self.range();
         let at = at.clamp(low, high);

@@ -1,5 +1,5 @@
-//! Named random streams, one per noise source: two planners meet the same sea, and a new source does not
-//! shift others.
+//! Named random streams, one per noise source. Planners compared on a seed therefore experience the same sea,
+//! and adding a source does not change the others.
 
 use std::convert::Infallible;
 
@@ -8,21 +8,21 @@ use rand_chacha::rand_core::{Rng, SeedableRng, TryRng};
 
 pub const MOVES: usize = 10;
 
-/// Moves every number of every stream by a step drawn from `seed`, modulo the range. The step is `bits`
-/// binary digits smaller than the range. Numbers stay uniform, and a move is as probable as its reverse,
-/// which a Markov chain over random numbers requires.
+/// Shifts every number of every stream by a step drawn from `seed`, modulo the range. The step is `bits`
+/// binary digits smaller than the range. Numbers stay uniform, and a shift is as probable as its reverse, as
+/// a Markov chain over random numbers requires.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Move {
     seed: u64,
     bits: u32,
 }
 
-/// Random streams of a seed, and the moves of their numbers.
+/// Random streams of a seed, and the shifts applied to their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Streams {
     seed: u64,
     moves: [Option<Move>; MOVES],
-    /// FNV-1a hash of the names' prefix.
+    /// FNV-1a hash of the prefix of the names.
     prefix: u64,
 }
 
@@ -41,7 +41,7 @@ impl Streams {
             prefix: 0xcbf2_9ce4_8422_2325,
         }
     }
-    /// Streams of drone `k`, from 0; the first drone has no prefix.
+    /// Streams of drone `k`, counted from 0; the first drone's have no prefix.
     pub fn of_drone(&self, k: usize) -> Self {
         let prefix = if k == 0 {
             self.prefix
@@ -50,8 +50,8 @@ impl Streams {
         };
         Streams { prefix, ..*self }
     }
-    /// Moves every number by a step uniform over `2^-bits` of the range: 0 redraws all numbers, 6 changes
-    /// each by at most 0.8 %. After [`MOVES`] moves the streams do not change.
+    /// Shifts every number by a step uniform over `2^-bits` of the range: 0 redraws all numbers, 6 changes
+    /// each by at most 0.8 %. After [`MOVES`] shifts the streams no longer change.
     #[must_use]
     pub fn moved(&self, seed: u64, bits: u32) -> Self {
         let mut moved = *self;
@@ -60,7 +60,7 @@ impl Streams {
         }
         moved
     }
-    /// Reproducible for seed and name, and independent of all other streams.
+    /// Stream that is reproducible for a seed and name, and independent of all other streams.
     pub fn stream(&self, name: &str) -> Stream {
         let hash = fnv(self.prefix, name);
         let generator = |seed: u64| {
@@ -89,13 +89,13 @@ impl From<u64> for Streams {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stream {
     plain: ChaCha8Rng,
-    /// One source of steps per move; all steps add to the stream's numbers.
+    /// One source of steps per shift; all steps add to the stream's numbers.
     steps: Vec<(ChaCha8Rng, u32)>,
 }
 
 impl Stream {
-    /// Sum of the moves' steps for the next number. The last 12 binary digits stay: they choose a section of
-    /// a distribution (a layer of the ziggurat), where a small step would be a jump.
+    /// Sum of the shifts' steps for the next number. The last 12 binary digits are kept: they select a
+    /// section of a distribution (a layer of the ziggurat), where a small step would cause a jump.
     fn step(&mut self) -> u64 {
         self.steps.iter_mut().fold(0, |sum: u64, (rng, bits)| {
             let step = (rng.next_u64().cast_signed() >> *bits).cast_unsigned();
@@ -139,7 +139,7 @@ mod tests {
         let plain = numbers(&streams);
         for bits in [0, 3, 6] {
             let moved = numbers(&streams.moved(3, bits).moved(4, bits));
-            // On a circle, two steps of at most 2^-bits / 2.
+            // On a circle, two steps of at most 2^-bits / 2 each.
             let way = |(a, b): (&f64, &f64)| ((a - b + 1.5).rem_euclid(1.0) - 0.5).abs();
             let most = plain.iter().zip(&moved).map(way).fold(0.0, f64::max);
             assert!(

@@ -1,7 +1,7 @@
 //! One direction of a link at layer 3: the fate of each packet.
 //!
-//! In order: queue and rate of the sender, outages, random loss, bursts of loss (Gilbert 1960, Elliott 1963),
-//! duplication, delay with jitter.
+//! Effects in order: the sender's queue and rate, outages, random loss, bursts of loss (Gilbert 1960, Elliott
+//! 1963), duplication, delay with jitter.
 
 use alight_shared::time::{Span, Time, TrueTime};
 
@@ -13,7 +13,7 @@ use crate::sensors::noise::Noise;
 
 /// Interval of the vessel's packets at full rates, s.
 const BURST_STEP_S: f64 = 0.025;
-/// Steps after which the chain's state is independent of its start.
+/// Number of steps after which the chain's state is independent of its start.
 const MAX_BURST_STEPS: u32 = 1000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,23 +35,23 @@ impl Direction {
 pub struct ChannelCounts {
     pub sent: u64,
     pub sent_bytes: u64,
-    /// Randomly, in a burst, or in an outage.
+    /// Packets lost randomly, in a burst, or in an outage.
     pub lost: u64,
-    /// Dropped because the queue of a slow link was full.
+    /// Packets dropped because the queue of a slow link was full.
     pub overflowed: u64,
     pub doubled: u64,
 }
 
-/// Additional faults of a channel.
+/// Faults of a channel in addition to its configuration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelFault {
-    /// Lost fraction of packets, 0 to 1.
+    /// Fraction of packets lost, 0 to 1.
     pub loss: f64,
-    /// Added delay, s.
+    /// Additional delay, s.
     pub delay_s: f64,
     /// Maximum of an additional uniform delay, s, which reorders packets.
     pub jitter_s: f64,
-    /// Duplicated fraction of packets, 0 to 1.
+    /// Fraction of packets duplicated, 0 to 1.
     pub doubled: f64,
 }
 
@@ -71,7 +71,7 @@ pub struct RadioChannel {
 }
 
 impl RadioChannel {
-    /// Streams `radio.to_drone` and `radio.to_vessel`, each with `.burst` for bursts.
+    /// Uses the random streams `radio.to_drone` and `radio.to_vessel`, each with `.burst` for bursts.
     pub fn new(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -79,7 +79,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, direction.stream(), streams)
     }
-    /// Acknowledgements against `direction`, with their own random stream.
+    /// Channel for acknowledgements of `direction`, with a separate random stream.
     pub fn back(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_vessel_extra_s,
@@ -87,7 +87,7 @@ impl RadioChannel {
         };
         RadioChannel::named(config, extra_s, &format!("{}.back", direction.stream()), streams)
     }
-    /// Traffic in addition to messages, with its own random stream.
+    /// Channel for traffic other than messages, with a separate random stream.
     pub fn probe(config: &SimulatedRadioConfig, direction: Direction, streams: &Streams) -> RadioChannel {
         let extra_s = match direction {
             Direction::ToDrone => config.to_drone_extra_s,
@@ -113,7 +113,7 @@ impl RadioChannel {
 
     /// Arrival times of a packet sent at `t`, and of its duplicate.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize) -> [Option<Time<TrueTime>>; 2] {
-        // Every packet makes all draws, so that an outage does not shift later ones.
+        // Every packet makes all draws, so that an outage does not change the fate of later packets.
         let (lost, twice) = (
             self.noise.chance(self.config.loss),
             self.noise.chance(self.config.duplicate),
@@ -127,7 +127,7 @@ impl RadioChannel {
             return [None, None];
         };
         let outage = self.outage.is_some_and(|[from, until]| from <= t && t < until);
-        // A total loss needs no draw.
+        // A total loss needs no random draw.
         let fails = self.fault.loss >= 1.0 || (self.fault.loss > 0.0 && self.bursts.chance(self.fault.loss));
         if lost || in_burst || outage || fails || self.config.outages_s.cover(t) {
             self.counts.lost += 1;
@@ -150,7 +150,7 @@ impl RadioChannel {
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.fault = fault;
     }
-    /// Loses everything sent in the window `[from, until)`; packets in transit arrive. A later call does not
+    /// Loses all packets sent in the window `[from, until)`; packets in transit arrive. Later calls do not
     /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.outage = Some(self.outage.unwrap_or(window));
@@ -162,9 +162,9 @@ impl RadioChannel {
         self.counts.lost += 1;
     }
 
-    /// Whether a burst takes this packet: a Markov chain with two states, one step per packet. A burst lasts
-    /// `1 / r` packets; bursts take the fraction `p / (p + r)` of all. Without traffic the chain advances
-    /// every [`BURST_STEP_S`], so that a fade ends even if the sender backs off.
+    /// Whether this packet is lost in a burst: a Markov chain with two states, one step per packet. A burst
+    /// lasts `1 / r` packets on average; the fraction `p / (p + r)` of all packets is lost in bursts. Without
+    /// traffic the chain advances every [`BURST_STEP_S`], so that a fade ends even if the sender backs off.
     fn burst(&mut self, t: Time<TrueTime>) -> bool {
         let fraction = self.config.burst_loss;
         if fraction <= 0.0 {
@@ -213,7 +213,7 @@ impl RadioChannel {
     fn delay(&mut self) -> Span {
         let c = &self.config;
         let mut d = c.delay_s + c.delay_sd_s * self.noise.normal();
-        // Redrawing keeps the truncated shape; the bound ends the loop in extreme configurations.
+        // Redrawing keeps the truncated shape; the bound ensures that the loop ends for extreme configurations.
         for _ in 0..8 {
             if d >= c.delay_min_s {
                 break;
@@ -239,7 +239,7 @@ mod tests {
             ..SimulatedRadioConfig::default()
         }
     }
-    /// Delays of `n` packets of `bytes`, `step_s` apart; None: lost.
+    /// Delays of `n` packets of `bytes`, sent `step_s` apart; None: the packet is lost.
     fn fates(config: &SimulatedRadioConfig, n: usize, step_s: f64, bytes: usize) -> Vec<Option<f64>> {
         let mut channel = RadioChannel::new(config, Direction::ToDrone, &Streams::new(11));
         (0..n)
@@ -269,14 +269,14 @@ mod tests {
     #[test]
     fn burst_loss_fraction_and_length() {
         let (fraction, length) = bursts(200_000, 0.01);
-        // 5000 bursts: the standard error of the mean length is 8 / sqrt(5000) = 0.11.
+        // 5000 bursts give a standard error of the mean length of 8 / sqrt(5000) = 0.11.
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((length - 8.0).abs() < 0.4, "{length}");
     }
 
     #[test]
     fn burst_loss_with_a_rare_sender() {
-        // Two per second are 20 steps apart, when a burst of 8 is over.
+        // Two packets per second are 20 steps apart, by which time a burst of 8 is over.
         let (fraction, length) = bursts(40_000, 0.5);
         assert!((fraction - 0.2).abs() < 0.012, "{fraction}");
         assert!((1.2..1.4).contains(&length), "{length}");

@@ -1,7 +1,7 @@
 //! Radio between vessel and drone: rate, delay, loss, duplication, outages.
 //!
-//! [`channel`] decides the fate of packets, in the lock-step world, in the impairment within a process, and
-//! in the link emulator. [`SimulatedRadio`] carries contents.
+//! [`channel`] decides the fate of packets in the lock-step world, in the radio impairment of a live process,
+//! and in the link emulator. [`SimulatedRadio`] carries the messages.
 
 pub mod channel;
 pub mod session;
@@ -20,7 +20,7 @@ pub use session::Session;
 /// Maximum number of packets in transit in one direction; more are lost.
 const QUEUE: usize = 4096;
 
-/// The middleware's framing of a message, bytes (measured).
+/// Framing that the middleware adds to a message, bytes (measured).
 const FRAMING: usize = 20;
 /// IP and UDP headers, bytes.
 const DATAGRAM_HEADERS: usize = 28;
@@ -38,9 +38,9 @@ pub enum Transport {
     /// Datagrams without retransmission.
     #[default]
     Udp,
-    /// A byte stream, in which retransmissions delay everything after them.
+    /// A byte stream, in which a retransmission delays all later data.
     Tcp,
-    /// Datagrams in an encrypted connection; its handshake is repeated until it succeeds.
+    /// Datagrams in an encrypted connection, whose handshake is repeated until it succeeds.
     Quic,
 }
 
@@ -49,19 +49,19 @@ pub enum Transport {
 pub enum Congestion {
     /// Reduces its rate on loss (Linux's default).
     Cubic,
-    /// Keeps its measured rate (Linux: `net.ipv4.tcp_congestion_control = bbr`), as needed by a radio with
-    /// losses that are not congestion.
+    /// Keeps its measured rate (Linux: `net.ipv4.tcp_congestion_control = bbr`), as required by a radio whose
+    /// losses are not caused by congestion.
     #[default]
     Bbr,
 }
 
 impl Transport {
-    /// Bytes of a message of `length` on the channel: a datagram with headers, or a stream's bytes, whose
-    /// segments have headers of their own.
+    /// Bytes of a message of `length` on the channel: a datagram with headers, or bytes of a stream, whose
+    /// headers belong to its segments.
     pub const fn bytes(self, length: usize) -> usize {
         match self {
             Transport::Udp => on_air(length),
-            // Two bytes hold the length of a message.
+            // Two bytes for the length of a message.
             Transport::Tcp => length + FRAMING + 2,
             Transport::Quic => on_air(length) + QUIC_FRAME,
         }
@@ -88,8 +88,7 @@ config! {
         /// Mean delay before truncation, s.
         /// Source: 50 +- 20 ms, 2 % loss.
         pub delay_s: f64 = 0.05, in 0.0..=10.0;
-        /// Standard deviation of the delay, s. Delays are independent, and reorder packets unless
-        /// `keep_order` is set.
+        /// Standard deviation of the delay, s. Delays are independent, and reorder packets unless `keep_order` is set.
         pub delay_sd_s: f64 = 0.02, in 0.0..=10.0;
         /// Minimum delay, s.
         /// Chosen: time on the air and in two network stacks.
@@ -103,24 +102,24 @@ config! {
         /// Fraction of packets additionally lost in bursts (Gilbert-Elliott).
         pub burst_loss: f64 = 0.0, in 0.0..=0.95;
         /// Mean length of a burst, packets.
-        /// Chosen: a deep fade or a wave in the radio path, a quarter of a second at 40 packets/s.
+        /// Chosen: a deep fade or a wave in the radio path lasts a quarter of a second at 40 packets/s.
         pub burst_packets: f64 = 10.0, in 1.0..=1e5;
-        /// Probability that a packet that is not lost arrives twice.
+        /// Probability that a delivered packet arrives twice.
         /// Chosen: datagrams are duplicated occasionally.
         pub duplicate: f64 = 0.001, in 0.0..=1.0;
         /// Bit rate of the link, IP headers included, bit/s; 0: unlimited.
         pub rate_bps: f64 = 0.0, in 0.0..=1e12;
-        /// Maximum number of bytes queued before a slow link; further packets are lost.
+        /// Maximum number of bytes in the queue of a slow link; further packets are lost.
         /// Chosen: a small queue, as in radio modems; half a second at 64 kbit/s.
         pub queue_bytes: u32 = 4096, in 100.0..=1e9;
         /// Deliver packets in the order in which they were sent.
         pub keep_order: bool = false;
-        /// Transport of the messages in lock-step; live, the processes' configuration selects it.
+        /// Transport of the messages in lock-step; in live flights the processes' configuration selects it.
         pub transport: Transport = Transport::Udp;
         /// Congestion control of a stream.
         pub congestion: Congestion = Congestion::Bbr;
-        /// Maximum number of bytes in a stream's socket; further messages are dropped.
-        /// Source: bytes in transit on a running kernel with a socket of 16 kB, as in
+        /// Maximum number of bytes in the socket of a stream; further messages are dropped.
+        /// Source: bytes in transit with a Linux kernel and a socket of 16 kB, as in
         /// `alight_transport::radio`: 46 segments of 290 B.
         pub stream_buffer_bytes: u32 = 14_000, in 2048.0..=1e8;
         /// Time without reception after which a session over datagrams is closed and reopened, s.
@@ -128,7 +127,7 @@ config! {
         pub lease_s: f64 = 2.0, in 0.5..=60.0;
         /// Time without reception after which a session over a stream is closed and reopened, s.
         pub stream_lease_s: f64 = 5.0, in 0.5..=60.0;
-        /// Windows `[start, end)` of the send time in which everything is lost, s of true time.
+        /// Windows `[start, end)` of the send time in which all packets are lost, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
     }
 }
@@ -159,7 +158,7 @@ impl<T: Clone> SimulatedRadio<T> {
             line: DelayLine::new(QUEUE),
         }
     }
-    /// `bytes`: size with headers.
+    /// `bytes` is the size including headers.
     pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
         let [first, second] = self.channel.send(t, bytes);
         if let Some(at) = second {
@@ -171,7 +170,6 @@ impl<T: Clone> SimulatedRadio<T> {
             self.channel.drop_one();
         }
     }
-    /// Packets that have arrived by `t` with their arrival times, in order.
     pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
@@ -181,7 +179,7 @@ impl<T: Clone> SimulatedRadio<T> {
     pub const fn fail(&mut self, fault: ChannelFault) {
         self.channel.fail(fault);
     }
-    /// Loses everything sent in the window `[from, until)`; packets in transit arrive. A later call does not
+    /// Loses all packets sent in the window `[from, until)`; packets in transit arrive. Later calls do not
     /// change the window.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.channel.set_outage(window);

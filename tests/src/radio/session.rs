@@ -1,4 +1,4 @@
-//! Radio session between two computers: channels, transport, and a session that ends after silence and
+//! Radio session between two computers: channels, transport, and a session that closes after a silence and
 //! reopens by a handshake.
 
 use alight_shared::time::{Span, Time, TrueTime};
@@ -9,16 +9,16 @@ use super::{
 };
 use crate::physics::streams::Streams;
 
-/// Transmission times of a packet in a stream's handshake, s after the start of its exchange.
+/// Transmission times of a packet in a stream's handshake, s after the start of the exchange.
 const TRIES_S: [f64; 5] = [0.0, 0.4, 1.2, 2.8, 6.0];
-/// Transmission times of a stream's first packet, before a round trip is known, s (Linux since 6.5: once a
-/// second at first).
+/// Transmission times of a stream's first packet, before a round trip is measured, s (Linux since 6.5:
+/// initially once per second).
 const FIRST_TRIES_S: [f64; 5] = [0.0, 1.0, 2.0, 3.0, 4.0];
 /// Transmission times of QUIC's first packet, s.
 const QUIC_TRIES_S: [f64; 4] = [0.0, 1.0, 3.0, 7.0];
-/// Time from a failed attempt to the next, s (the middleware's slowest retry).
+/// Time from a failed attempt to the next, s (longest retry interval of the middleware).
 const RETRY_S: f64 = 0.5;
-/// Keep-alives per lease from a side without messages.
+/// Keep-alives sent per lease by a side that has no messages to send.
 const KEEP_ALIVES: f64 = 4.0;
 /// Size of handshake packets and keep-alives, bytes.
 const SMALL: usize = 80;
@@ -84,13 +84,13 @@ pub struct Session<A, B> {
     config: SimulatedRadioConfig,
     to_drone: OneWayLink<A>,
     to_vessel: OneWayLink<B>,
-    /// Channels of handshakes and keep-alives, to the drone and to the vessel, with their own random streams,
-    /// so that messages keep their fates.
+    /// Channels for handshakes and keep-alives, to the drone and to the vessel. They use separate random
+    /// streams, so that the fates of messages do not change.
     probes: [RadioChannel; 2],
     /// Last reception by the drone and by the vessel; None before the first.
     last_received: [Option<Time<TrueTime>>; 2],
     keep_alive: Time<TrueTime>,
-    /// End of the present attempt to open the session, and whether it succeeds; None: the session is open.
+    /// End of the current attempt to open the session, and whether it will succeed; None: the session is open.
     attempt: Option<(Time<TrueTime>, bool)>,
     reopened: u32,
 }
@@ -109,39 +109,36 @@ impl<A: Clone, B: Clone> Session<A, B> {
             reopened: 0,
         }
     }
-    /// `length`: of the message, bytes.
+    /// `length` is the length of the message, bytes.
     pub fn send_to_drone(&mut self, t: Time<TrueTime>, length: usize, packet: A) {
         if self.attempt.is_none() {
             self.to_drone.send(t, self.config.transport.bytes(length), packet);
         }
     }
-    /// `length`: of the message, bytes.
     pub fn send_to_vessel(&mut self, t: Time<TrueTime>, length: usize, packet: B) {
         if self.attempt.is_none() {
             self.to_vessel
                 .send(t, self.config.transport.bytes(length), packet);
         }
     }
-    /// Messages received by `t`, with arrival times.
     pub fn at_drone(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, A)> {
         let came = self.to_drone.receive(t);
         self.note_received(0, came.last().map(|c| c.0));
         self.poll(t);
         came
     }
-    /// Messages received by `t`, with arrival times.
     pub fn at_vessel(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, B)> {
         let came = self.to_vessel.receive(t);
         self.note_received(1, came.last().map(|c| c.0));
         came
     }
-    /// Loses everything sent in the window `[from, until)`, both ways.
+    /// Loses all packets sent in the window `[from, until)`, in both directions.
     pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
         self.to_drone.set_outage(window);
         self.to_vessel.set_outage(window);
         self.probes.iter_mut().for_each(|c| c.set_outage(window));
     }
-    /// Replaces the present faults: to the drone, to the vessel.
+    /// Replaces the active faults: to the drone, to the vessel.
     pub fn fail(&mut self, [to_drone, to_vessel]: [ChannelFault; 2]) {
         self.to_drone.fail(to_drone);
         self.to_vessel.fail(to_vessel);
@@ -163,7 +160,6 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// Sends keep-alives, and closes or reopens the session.
     fn poll(&mut self, t: Time<TrueTime>) {
         if let Some((over, succeeds)) = self.attempt {
             if t < over {
@@ -196,7 +192,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
 
-    /// End of an attempt to open the session from `from`, and whether it succeeds.
+    /// End of an attempt that starts at `from` to open the session, and whether it succeeds.
     fn handshake(&mut self, from: Time<TrueTime>) -> (Time<TrueTime>, bool) {
         let end = from + Span::from_secs(self.config.transport.open_timeout_s());
         let mut t = from;
@@ -204,7 +200,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
             let tries = match self.config.transport {
                 Transport::Udp => &TRIES_S[..1],
                 Transport::Tcp if exchange == 0 => &FIRST_TRIES_S[..],
-                // RFC 9002: three times the initial round-trip estimate, then doubled.
+                // RFC 9002: three times the initial round-trip estimate, then doubled each time.
                 Transport::Quic if exchange == 0 => &QUIC_TRIES_S[..],
                 Transport::Tcp | Transport::Quic => &TRIES_S[..],
             };
@@ -225,8 +221,8 @@ impl<A: Clone, B: Clone> Session<A, B> {
 mod tests {
     use super::*;
 
-    /// Ages of the newest sample at the drone every 10 ms, from samples at 30 Hz, and the number of reopened
-    /// sessions.
+    /// Ages of the newest sample at the drone every 10 ms, with samples sent at 30 Hz, and the number of
+    /// reopened sessions.
     fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
         let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
         let (mut newest, mut ages) = (f64::NEG_INFINITY, Vec::new());
@@ -273,7 +269,7 @@ mod tests {
             let (ages, reopened) = ages(&config, 60);
             assert_eq!(reopened, 1, "{transport:?}");
             let worst = ages.iter().skip(100).copied().fold(0.0, f64::max);
-            // Measured over an emulated link: silent for 6 to 9 s.
+            // Measured over an emulated link: silence of 6 to 9 s.
             assert!((5.0..11.5).contains(&worst), "{transport:?}: {worst}");
             assert!(ages[3500..].iter().all(|a| *a < 1.0), "{transport:?}");
         }

@@ -1,12 +1,12 @@
-//! A byte stream over a lossy channel, as TCP and TLS over TCP: each message waits for everything before it
+//! A byte stream over a lossy channel, such as TCP or TLS over TCP: each message waits for all earlier data
 //! (head-of-line blocking).
 //!
-//! The sender models a present-day kernel as far as message age depends on it. The congestion window, in
-//! segments, shrinks to 0.7 on loss (CUBIC, RFC 9438), or keeps at least four (BBR, Cardwell et al. 2017).
-//! Later segments that arrive first reveal losses, with a timer for recent ones (RFC 8985, RACK); a tail-loss
-//! probe follows two round trips without a known loss. The retransmission time-out is at least 200 ms,
-//! doubles (RFC 6298), and restarts at every measured round trip, including selective acknowledgements, as in
-//! Linux. Like the middleware, it drops messages that do not fit into the socket's buffer.
+//! The model of the sender includes the features of a present-day kernel that affect message age. On loss, CUBIC (RFC
+//! 9438) multiplies the congestion window by 0.7, and BBR (Cardwell et al. 2017) keeps at least four segments. Losses
+//! are detected when later segments arrive first, with a timer for recent segments (RFC 8985, RACK); a tail-loss probe
+//! follows two round trips without a known loss. The retransmission time-out is at least 200 ms, doubles (RFC 6298),
+//! and restarts at every measured round trip, including selective acknowledgements, as in Linux. Like the middleware,
+//! the sender drops messages that do not fit into the socket's buffer.
 
 use std::collections::VecDeque;
 
@@ -15,7 +15,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 use super::{ChannelCounts, Congestion, RadioChannel, SimulatedRadioConfig};
 use crate::sensors::delay::DelayLine;
 
-/// Maximum payload of a segment, bytes: 1500 less IP and TCP headers and time stamps.
+/// Maximum payload of a segment, bytes: 1500 minus IP and TCP headers and time stamps.
 const SEGMENT: u64 = 1448;
 const HEADERS: usize = 52;
 /// Maximum number of segments and acknowledgements in transit.
@@ -24,49 +24,48 @@ const QUEUE: usize = 4096;
 const FIRST_WINDOW: f64 = 10.0;
 /// Minimum window of BBR after losses, segments.
 const MIN_WINDOW: f64 = 4.0;
-/// Window of BBR when the sender's data rate limits it, segments: twice one round trip of these messages
-/// (measured on a running kernel: 10 to 35).
+/// Window of BBR when the sender's data rate limits it, segments: twice the data of one round trip of these
+/// messages (10 to 35 measured with a Linux kernel).
 const USUAL_WINDOW: f64 = 24.0;
 /// Minimum retransmission time-out, s.
 const MIN_TIMEOUT_S: f64 = 0.2;
 /// Maximum retransmission time-out, s.
 const MAX_TIMEOUT_S: f64 = 120.0;
-/// Recoveries after which an unneeded extension of the reordering window ends.
+/// Number of recoveries after which an unneeded extension of the reordering window ends.
 const REORDER_WINDOW_RECOVERIES: u8 = 16;
 const RANGES: usize = 4;
 
 /// Bytes `[from, until)`.
 type Range = (u64, u64);
 
-/// A segment without acknowledgement.
+/// A segment that is not yet acknowledged.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     range: Range,
     sent_at: Time<TrueTime>,
     arrived: bool,
     lost: bool,
-    /// Sent more than once: its acknowledgement measures no round trip.
+    /// The segment was sent more than once, so its acknowledgement measures no round trip.
     again: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Timer {
-    /// Overtaken segments count as lost.
+    /// Timer after which overtaken segments count as lost.
     Reorder,
-    /// Tail-loss probe.
+    /// Timer for the tail-loss probe.
     Probe,
     TimeOut,
 }
 
 #[derive(Clone, Debug)]
 struct Acknowledgement {
-    /// Everything before this byte has arrived.
+    /// All bytes before this one have arrived.
     first: u64,
     /// Further ranges that have arrived, newest first.
     ranges: Vec<Range>,
-    /// Send time of the acknowledged segment.
     sent_at: Time<TrueTime>,
-    /// The segment had arrived before (RFC 2883).
+    /// The segment had already arrived before (RFC 2883).
     double: bool,
 }
 
@@ -84,7 +83,7 @@ pub struct RadioStream<T> {
     buffer: u64,
     congestion: Congestion,
     events: DelayLine<Event>,
-    // Messages, each with its end in the stream.
+    // Messages with the position of their end in the stream.
     messages: VecDeque<(u64, T)>,
     written: u64,
     sent: u64,
@@ -98,17 +97,17 @@ pub struct RadioStream<T> {
     round_trip: Option<(f64, f64)>,
     /// Minimum round trip, s.
     shortest_s: f64,
-    /// Send time and round trip (s) of the newest segment that arrived.
+    /// Send time and round trip (s) of the newest segment that has arrived.
     latest: Option<(Time<TrueTime>, f64)>,
-    /// Wait for an overtaken segment, in quarters of the minimum round trip; the end of that value, and the
-    /// recoveries for which it holds (RFC 8985, 7.2).
+    /// Wait for an overtaken segment, in quarters of the minimum round trip; the end of that wait's validity,
+    /// and the remaining recoveries for which it holds (RFC 8985, 7.2).
     reorder_window: u8,
     reorder_window_until: Option<Time<TrueTime>>,
     recoveries: u8,
     backoff: i32,
     probed: bool,
     timer: Option<(Time<TrueTime>, Timer)>,
-    /// Time of the retransmission time-out, whatever the timer is set to.
+    /// Time of the retransmission time-out, independent of the timer's current purpose.
     time_out_at: Option<Time<TrueTime>>,
     received: Vec<Range>,
     delivered: u64,
@@ -161,7 +160,7 @@ impl<T: Clone> RadioStream<T> {
     pub const fn counts(&self) -> ChannelCounts {
         self.there.counts()
     }
-    /// Messages that did not fit into the buffer, or were lost with the connection.
+    /// Number of messages that did not fit into the buffer, or were lost with the connection.
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -207,7 +206,7 @@ impl<T: Clone> RadioStream<T> {
     fn put(&mut self, t: Time<TrueTime>, range: Range) {
         let bytes = (range.1 - range.0) as usize + HEADERS;
         for at in self.there.send(t, bytes).into_iter().flatten() {
-            // A full line drops the segment.
+            // A full delay line drops the segment.
             let _lost = self.events.push(at, Event::Data(range, t));
         }
     }
@@ -238,7 +237,7 @@ impl<T: Clone> RadioStream<T> {
             self.time_out_at = Some(t + self.time_out());
         }
     }
-    /// Sends at most one segment of new data; false without new data.
+    /// Sends at most one segment of new data; returns false if there is none.
     fn send_new(&mut self, t: Time<TrueTime>) -> bool {
         if self.sent == self.written {
             return false;
@@ -331,7 +330,7 @@ impl<T: Clone> RadioStream<T> {
         self.find_lost(t);
         let gained = before.saturating_sub(open(&self.flight)) as f64;
         match self.congestion {
-            // After a time-out the window grows with acknowledgements, and is restored when all have arrived.
+            // After a time-out the window grows with acknowledgements and is restored when all data have arrived.
             Congestion::Bbr => {
                 let recovered = self.after_time_out && self.acknowledged >= self.recover;
                 let window = if recovered {
@@ -352,7 +351,7 @@ impl<T: Clone> RadioStream<T> {
         }
         self.after_time_out &= self.acknowledged < self.recover;
         self.probed &= !progress;
-        // A segment sent after the head does not show how long the head is overdue.
+        // A segment sent after the head does not indicate how long the head is overdue.
         if progress || head_at.is_some_and(|at| sent_at < at) {
             self.time_out_at = Some(t + self.time_out());
         }
@@ -360,8 +359,8 @@ impl<T: Clone> RadioStream<T> {
         self.set_timer(t);
     }
 
-    /// Widens the reordering window once per round trip after a needless retransmission (overtaken, not
-    /// lost), for sixteen recoveries.
+    /// Widens the reordering window, at most once per round trip, after an unnecessary retransmission (the
+    /// segment was overtaken, not lost), for sixteen recoveries.
     fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
         if double && self.reorder_window_until.is_none_or(|at| t >= at) {
             self.reorder_window = self.reorder_window.saturating_add(1);
@@ -372,14 +371,14 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// Time by which a later segment may overtake one that is not lost, s: quarters of the minimum round
-    /// trip, at most the mean one.
+    /// Time by which a later segment may overtake one that is not lost, s: a number of quarters of the
+    /// minimum round trip, at most the mean round trip.
     fn reordering_s(&self) -> f64 {
         let usual_s = self.round_trip.map_or(f64::INFINITY, |r| r.0);
         (0.25 * self.shortest_s.min(usual_s) * f64::from(self.reorder_window)).min(usual_s)
     }
 
-    /// Marks segments lost that were sent long enough before one that arrived.
+    /// Marks segments as lost if they were sent long enough before a segment that has arrived.
     fn find_lost(&mut self, t: Time<TrueTime>) {
         let Some((latest_at, round_trip_s)) = self.latest else {
             return;
@@ -405,7 +404,7 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    /// Time-out from the sending of the oldest segment.
+    /// Retransmission time-out, measured from the sending of the oldest segment.
     fn time_out(&self) -> Span {
         let (mean, spread) = self.round_trip.unwrap_or((0.5, 0.125));
         let timeout = mean + (4.0 * spread).max(MIN_TIMEOUT_S);
@@ -454,7 +453,7 @@ impl<T: Clone> RadioStream<T> {
                 self.set_timer(t);
             }
             Timer::Probe => {
-                // New data, or the last segment again, whose acknowledgement shows the gaps.
+                // Sends new data, or the last segment again; its acknowledgement reveals the gaps.
                 self.probed = true;
                 if !self.send_new(t)
                     && let Some(last) = self.flight.iter().rposition(|s| !s.arrived)
@@ -469,7 +468,7 @@ impl<T: Clone> RadioStream<T> {
                 self.recover = self.sent;
                 self.after_time_out = true;
                 self.backoff = (self.backoff + 1).min(10);
-                // Segments of the last round trip may still arrive; the oldest counts as lost.
+                // Segments of the last round trip may still arrive; only the oldest counts as lost.
                 let round_trip_s = self.latest.map_or(0.0, |l| l.1);
                 let recent = t - Span::from_secs(round_trip_s);
                 for (k, segment) in self.flight.iter_mut().enumerate().filter(|(_, s)| !s.arrived) {

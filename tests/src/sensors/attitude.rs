@@ -1,5 +1,3 @@
-//! Attitude sensor of the vessel: roll, pitch, rates and heave of an inertial navigation system.
-
 use alight_shared::config;
 use alight_shared::frames::VesselBody;
 use alight_shared::msg::AttitudeFix;
@@ -15,16 +13,16 @@ config! {
     /// Roll, pitch, rates and heave of the vessel's inertial navigation system.
     pub struct VesselAttitudeConfig {
         /// Measurements per second.
-        /// Chosen: rate of motion sensors of survey boats on a serial line.
+        /// Chosen: typical of survey boats' motion sensors on a serial line.
         pub rate_hz: f64 = 20.0, in 1.0..=100.0;
         /// Delay from measurement to arrival at the estimator, s.
         pub latency_s: f64 = 0.03, in 0.0..=2.0;
         /// White noise of roll and pitch, deg.
         pub white_sd_deg: f64 = 0.02, in 0.0..=10.0;
-        /// Standard deviation of the slow roll and pitch error (by the boat's acceleration), deg.
+        /// Standard deviation of the slow roll and pitch error, which the boat's acceleration causes, deg.
         pub bias_sd_deg: f64 = 0.05, in 0.0..=10.0;
         /// Correlation time of the slow roll, pitch and heave errors, s.
-        /// Chosen: a few waves; the boat's acceleration causes these errors.
+        /// Chosen: several wave periods, because the boat's acceleration causes these errors.
         pub bias_correlation_s: f64 = 20.0, in 0.1..=1e6;
         /// Standard deviation of the misalignment with the hull, per axis, drawn per seed, deg.
         pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
@@ -74,7 +72,7 @@ impl VesselAttitude {
                 Some(AttitudeFix {
                     header,
                     tilt: [angles.x + error.x, angles.y + error.y],
-                    // As a data sheet states it, without the mounting error.
+                    // As stated in a data sheet, without the mounting error.
                     tilt_sd: white.hypot(c.bias_sd_deg.to_radians()).max(1e-4),
                     rates: Some(rates.into()),
                     heave: Some(heave),

@@ -1,5 +1,5 @@
-//! A beacon of the vessel: a receiver whose position and velocity reach the drone late, over a link that does
-//! not pass the vessel's computer.
+//! A beacon on the vessel: a receiver whose position and velocity reach the drone with a delay, over a link
+//! that does not pass through the vessel's computer.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, TrueNed, Vector};
@@ -17,7 +17,7 @@ use crate::physics::streams::Streams;
 pub const BEACON: Address = Address::new(42, 1);
 
 config! {
-    /// GNSS beacon of the vessel.
+    /// GNSS beacon on the vessel.
     ///
     /// Defaults: a phone or an AIS transponder on deck; values chosen here.
     pub struct BeaconConfig {
@@ -43,7 +43,7 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct Beacon {
     config: BeaconConfig,
-    /// Origin of the true NED; None: that of vessel and drones.
+    /// Origin of the true NED; None: it coincides with the origin of vessel and drones.
     place: Option<Datum>,
     bias: GaussMarkovError,
     white: Noise,

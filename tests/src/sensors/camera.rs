@@ -10,11 +10,11 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// True mount of the camera, relative to the designed one; nodes do not know the errors.
+    /// True mount of the camera relative to the designed mount; nodes do not know the errors.
     #[derive(Copy)]
     pub struct CameraMountConfig {
-        /// Roll, pitch and yaw about the camera's axes, relative to the designed mount, deg. The nodes have
-        /// this value.
+        /// Rotation (roll, pitch, yaw about the camera's axes) relative to the designed mount, deg. The nodes
+        /// know this value.
         pub rotation_deg: [f64; 3] = [0.0; 3], in -180.0..=180.0;
         /// Standard deviation of the rotation error about each camera axis, drawn per seed, deg.
         pub angle_sd_deg: f64 = 1.0, in 0.0..=30.0;
@@ -23,9 +23,8 @@ config! {
     }
 }
 
-/// Rotation drone body from camera by design: the camera looks down and the image's upper edge is forward, so
-/// camera x is body y (right), camera y is body -x (aft), camera z is body z: +90 deg about the common z
-/// axis.
+/// Rotation drone body from camera by design. The camera looks down and the image's upper edge is forward: camera x is
+/// body y (right), camera y is body -x (aft), camera z is body z, i.e. a rotation of +90 deg about the common z axis.
 pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
     let half = core::f64::consts::FRAC_1_SQRT_2;
     Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(
@@ -42,7 +41,7 @@ pub struct CameraMount {
 }
 
 impl CameraMount {
-    /// The designed mount with this seed's errors.
+    /// Designed mount with this seed's errors.
     pub fn new(config: &CameraMountConfig, drone: &DroneGeometry, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "drone.camera.mount");
         let turn = noise.normal3() * config.angle_sd_deg.to_radians();
@@ -69,20 +68,16 @@ impl CameraMount {
 #[derive(Clone, Copy, Debug)]
 pub struct CameraMotion {
     pub centre: Point<TrueNed>,
-    /// Velocity of the camera, m/s.
     pub velocity: Vector<TrueNed>,
-    /// Rotation camera from world.
     pub camera_from_world: Rotation<Camera, TrueNed>,
-    /// Angular velocity in camera axes, rad/s.
     pub rates: Vector<Camera>,
 }
 
 impl CameraMotion {
-    /// A world point in camera coordinates, m.
     pub fn to_camera_frame(&self, point: Point<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (point - self.centre)).0
     }
-    /// Velocity in camera coordinates of `point` (camera coordinates, m), which moves with `velocity`: `R
+    /// Velocity, in camera coordinates, of a `point` (camera coordinates, m) that moves with `velocity`: `R
     /// (v - v_camera) - w x p`, m/s.
     pub fn drift(&self, point: Vector3<f64>, velocity: Vector<TrueNed>) -> Vector3<f64> {
         (self.camera_from_world * (velocity - self.velocity)).0 - self.rates.0.cross(&point)
@@ -97,21 +92,20 @@ pub struct PinholeLens {
 }
 
 impl PinholeLens {
-    /// `fov_rad`: horizontal field of view over the image width.
+    /// `fov_rad` is the horizontal field of view over the image width.
     pub fn new(width_px: f64, height_px: f64, fov_rad: f64) -> Self {
         PinholeLens {
             size_px: [width_px, height_px],
             focal_px: 0.5 * width_px / (0.5 * fov_rad).tan(),
         }
     }
-    /// None behind the camera.
+    /// None for points behind the camera.
     pub fn project(&self, p: Vector3<f64>) -> Option<Vector2<f64>> {
         (p.z > 1e-3).then(|| p.xy() * (self.focal_px / p.z) + self.centre())
     }
     pub fn holds(&self, px: Vector2<f64>) -> bool {
         (0.0..=self.size_px[0]).contains(&px.x) && (0.0..=self.size_px[1]).contains(&px.y)
     }
-    /// Image coordinates at unit distance.
     pub fn normalised(&self, px: Vector2<f64>) -> Vector2<f64> {
         (px - self.centre()) / self.focal_px
     }
@@ -131,7 +125,7 @@ mod tests {
         assert!((to_body(1.0, 0.0, 0.0) - Vector3::y()).norm() < 1e-15);
         assert!((to_body(0.0, 1.0, 0.0) + Vector3::x()).norm() < 1e-15);
         assert!((to_body(0.0, 0.0, 1.0) - Vector3::z()).norm() < 1e-15);
-        // Ahead is up in the image, starboard is right.
+        // Ahead is up in the image, and starboard is right.
         let mount = CameraMount {
             position: Vector3::zeros(),
             attitude: r,

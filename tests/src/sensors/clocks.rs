@@ -1,4 +1,4 @@
-//! Clocks of the two computers: offset and drift, drawn per seed.
+//! Clocks of the two computers, with offset and drift drawn per seed.
 
 use alight_shared::config;
 use alight_shared::time::{Clock, Span, Time, TrueTime};
@@ -7,15 +7,15 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Differences between the clocks.
+    /// Differences between the clocks of vessel and drone.
     #[derive(Copy)]
     pub struct ClockErrorConfig {
         /// Approximate reading of both clocks at the true time zero, s.
         /// Chosen: no node can assume that its clock starts at zero.
         pub epoch_s: f64 = 100.0, in 0.0..=1e9;
-        /// Bound of the drone clock's uniform offset from the vessel clock at the true time zero, s.
+        /// Bound of the drone clock's offset from the vessel clock at the true time zero, drawn uniformly, s.
         pub offset_s: f64 = 0.5, in 0.0..=3600.0;
-        /// Relative drift of the two clocks, of either sign, parts per million.
+        /// Relative drift of the two clocks, with random sign, parts per million.
         pub drift_ppm: f64 = 20.0, in 0.0..=500.0;
     }
 }
@@ -28,7 +28,7 @@ pub struct ClockModel {
 }
 
 impl ClockModel {
-    /// `offset_s`: at the true time zero; `drift`: rate error, s/s.
+    /// `offset_s` is the offset at the true time zero, `drift` the rate error, s/s.
     pub fn new(offset_s: f64, drift: f64) -> Self {
         ClockModel {
             offset: Span::from_secs(offset_s),
@@ -45,7 +45,6 @@ impl ClockModel {
     pub const fn offset(&self) -> Span {
         self.offset
     }
-    /// Rate error, s/s.
     pub const fn drift(&self) -> f64 {
         self.drift
     }
@@ -53,7 +52,7 @@ impl ClockModel {
         let ahead = Span::from_nanos((t.nanos() as f64 * self.drift).round() as i64);
         Time::<C>::from_nanos(t.nanos()) + self.offset + ahead
     }
-    /// True time of a reading, to a nanosecond.
+    /// True time of a reading, to the nearest nanosecond.
     pub fn true_time<C: Clock>(&self, c: Time<C>) -> Time<TrueTime> {
         let shown = Time::<TrueTime>::from_nanos(c.nanos()) - self.offset;
         let ahead = shown.nanos() as f64 * (self.drift / (1.0 + self.drift));
@@ -68,8 +67,8 @@ pub struct Clocks {
 }
 
 impl Clocks {
-    /// Draws the clocks: a uniform offset within `offset_s`, and `drift_ppm` with a random sign; each clock
-    /// has half of either difference.
+    /// Draws the clocks: a uniform offset within `offset_s`, and `drift_ppm` with a random sign. Each clock
+    /// has half of both differences.
     pub fn new(config: &ClockErrorConfig, streams: &Streams) -> Self {
         let mut noise = Noise::new(streams, "clocks");
         let offset = 0.5 * config.offset_s * (2.0 * noise.uniform() - 1.0);
@@ -118,7 +117,7 @@ mod tests {
             .map(|c| (drone_time(&c, Time::EPOCH).secs() - vessel_time(&c, Time::EPOCH).secs()).powi(2))
             .sum::<f64>()
             / 200.0;
-        // Uniform within +-0.5 s: variance 1/12.
+        // The variance of a uniform distribution within +-0.5 s is 1/12 s².
         assert!((spread * 12.0 - 1.0).abs() < 0.2, "{spread}");
     }
 

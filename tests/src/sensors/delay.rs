@@ -1,10 +1,9 @@
-//! Delay line: a bounded queue with arrival times.
-
 use std::collections::VecDeque;
 
 use alight_shared::time::{Time, TrueTime};
 
-/// Queues values by arrival time; equal times keep their order. A full line drops and counts new values.
+/// Bounded queue of values, ordered by arrival time; values with equal times keep their order. When full, it
+/// drops and counts new values.
 #[derive(Clone, Debug)]
 pub struct DelayLine<T> {
     queue: VecDeque<(Time<TrueTime>, T)>,
@@ -26,7 +25,7 @@ impl<T> DelayLine<T> {
             self.dropped += 1;
             return false;
         }
-        // Arrivals are almost in order: the search from the back is short.
+        // Arrivals are almost in order, so the search from the back is short.
         let at = self
             .queue
             .iter()

@@ -1,4 +1,4 @@
-//! GNSS receiver: slow bias, white noise, an antenna with a lever arm.
+//! GNSS receiver with slow bias, white noise, and a lever arm of its antenna.
 
 use alight_shared::config;
 use alight_shared::frames::{TrueNed, Vector, VesselBody};
@@ -29,7 +29,7 @@ config! {
     }
 }
 
-/// Each craft has its own streams. The difference of the two biases displaces their NED planes.
+/// Vessel and drone have separate random streams. The difference of their biases displaces their NED planes.
 #[derive(Clone, Debug)]
 pub struct GnssError {
     config: GnssErrorConfig,
@@ -39,7 +39,7 @@ pub struct GnssError {
 }
 
 impl GnssError {
-    /// `craft`: "vessel" or "drone". Streams: `<craft>.gnss.bias`, `.white` and `.velocity`.
+    /// `craft` is "vessel" or "drone". Streams: `<craft>.gnss.bias`, `.white` and `.velocity`.
     pub fn new(config: &GnssErrorConfig, streams: &Streams, craft: &str) -> Self {
         let noise = |what: &str| Noise::new(streams, &format!("{craft}.gnss.{what}"));
         GnssError {
@@ -53,7 +53,6 @@ impl GnssError {
     pub fn bias(&self) -> Vector3<f64> {
         self.bias.value()
     }
-    /// Advances the slow bias by `dt` (s) and returns it.
     pub fn advance(&mut self, dt: f64) -> Vector3<f64> {
         self.bias.step(dt)
     }
@@ -70,7 +69,7 @@ config! {
     /// GNSS receiver of the vessel.
     pub struct VesselGnssConfig {
         /// Measurements per second.
-        /// Source: Procházka 2024: GNSS at 10 Hz.
+        /// Source: Procházka 2024, GNSS at 10 Hz.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
         /// Delay from measurement to arrival at the estimator, s.
         /// Chosen: typical of a receiver on a serial line.
@@ -79,16 +78,16 @@ config! {
         /// Chosen: on a mast behind and above the deck.
         pub antenna_m: [f64; 3] = [-0.8, 0.2, -2.0], in -50.0..=50.0;
         /// Standard deviation of the error of `antenna_m`, per axis, drawn per seed, m.
-        /// Chosen: a tape measure.
+        /// Chosen: measured with a tape.
         pub antenna_error_sd_m: f64 = 0.01, in 0.0..=1.0;
         /// Probability that a fix is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Height error, positive up, m. Receivers that omit the geoid's height (field 11 of GGA) are wrong
-        /// by 22 to 51 m in seven of 56 logs of vessels.
+        /// Height error, positive up, m. Receivers that omit the geoid height (field 11 of GGA) are wrong by
+        /// 22 to 51 m in seven of 56 vessel logs.
         pub height_error_m: f64 = 0.0, in -200.0..=200.0;
-        /// Ratio of the reported white noise to the true one.
+        /// Ratio of the reported to the true white noise.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Errors of the receiver.
         pub error: GnssErrorConfig;
@@ -98,7 +97,7 @@ config! {
 #[derive(Clone, Debug)]
 pub(super) struct VesselGnss {
     config: VesselGnssConfig,
-    /// Origin of the true NED; None: the vessel's origin.
+    /// Origin of the true NED; None: it is the vessel's origin.
     place: Option<Datum>,
     antenna: Vector3<f64>,
     error: GnssError,
@@ -129,7 +128,7 @@ impl VesselGnss {
     pub(super) fn step(&mut self, t: Time<TrueTime>, vessel: &RigidState<VesselBody>) -> Vec<GnssFix> {
         if let Some(dt) = self.outlet.due(t) {
             self.error.advance(dt);
-            // Drawn even without a fix, so that an outage does not shift the noise.
+            // Drawn even without a fix, so that an outage does not change later noise.
             let (dp, dv) = (self.error.position(), self.error.velocity());
             let lost = self.dropout.chance(self.config.dropout);
             let (config, place) = (&self.config, self.place);

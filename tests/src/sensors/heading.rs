@@ -1,5 +1,3 @@
-//! Heading sensor of the vessel: compass or two GNSS antennas.
-
 use alight_shared::config;
 use alight_shared::frames::{VesselBody, wrap_angle};
 use alight_shared::msg::HeadingFix;
@@ -11,7 +9,7 @@ use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Heading sensor of the vessel.
+    /// Heading sensor of the vessel: a compass, or two GNSS antennas.
     pub struct VesselHeadingConfig {
         /// Measurements per second.
         pub rate_hz: f64 = 10.0, in 0.1..=100.0;
@@ -24,7 +22,7 @@ config! {
         pub bias_sd_deg: f64 = 0.5, in 0.0..=45.0;
         /// Correlation time of the slow bias, s.
         pub bias_correlation_s: f64 = 300.0, in 1.0..=1e9;
-        /// Ratio of the reported errors to the true ones.
+        /// Ratio of the reported to the true errors.
         pub stated_factor: f64 = 1.0, in 0.1..=10.0;
         /// Probability that a measurement is missing.
         pub dropout: f64 = 0.01, in 0.0..=1.0;

@@ -14,16 +14,16 @@ config! {
     /// Inertial measurement unit of the vessel.
     pub struct VesselImuConfig {
         /// Measurements per second.
-        /// Source: Procházka 2024: IMU at 100 Hz.
+        /// Source: Procházka 2024, IMU at 100 Hz.
         pub rate_hz: f64 = 100.0, in 1.0..=100.0;
         /// Delay from measurement to arrival at the estimator, s.
-        /// Chosen: within one step of the estimator.
+        /// Chosen: shorter than one step of the estimator.
         pub latency_s: f64 = 0.0, in 0.0..=2.0;
         /// Position in the vessel's body frame, as configured in the estimator, m.
-        /// Chosen: in the payload tray, off the centre.
+        /// Chosen: in the payload tray, off centre.
         pub lever_arm_m: [f64; 3] = [0.3, 0.1, -0.3], in -50.0..=50.0;
         /// Standard deviation of the error of `lever_arm_m`, per axis, drawn per seed, m.
-        /// Chosen: a tape measure, a spirit level.
+        /// Chosen: measured with a tape and a spirit level.
         pub lever_arm_error_sd_m: f64 = 0.01, in 0.0..=1.0;
         /// Standard deviation of the misalignment with the hull, per axis, drawn per seed, deg.
         pub alignment_sd_deg: f64 = 0.2, in 0.0..=20.0;
@@ -37,7 +37,7 @@ config! {
         /// Standard deviation of the accelerometer's bias, per axis, m/s².
         pub accelerometer_bias_sd_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Correlation time of both biases, s.
-        /// Chosen: almost constant over a landing.
+        /// Chosen: biases are almost constant during a landing.
         pub bias_correlation_s: f64 = 3600.0, in 1.0..=1e9;
         /// Probability that a sample is missing.
         pub dropout: f64 = 0.0, in 0.0..=1.0;
@@ -46,8 +46,8 @@ config! {
     }
 }
 
-/// Angular rate (rad/s) and specific force `R' (a - g)` (m/s²) of an ideal sensor at the reference point, in
-/// the body frame (Groves 2013, section 4.1).
+/// Angular rate (rad/s) and specific force `R' (a - g)` (m/s²) that an ideal sensor at the reference point
+/// measures in the body frame (Groves 2013, section 4.1).
 pub fn inertial<B>(state: &RigidState<B>) -> (Vector3<f64>, Vector3<f64>) {
     let gravity = Vector::<TrueNed>::new(0.0, 0.0, GRAVITY);
     let force = state.attitude.inverse() * (state.acceleration - gravity);

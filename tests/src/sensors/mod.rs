@@ -1,10 +1,10 @@
 //! Simulated sensors with noise, bias, latency and failures.
 //!
-//! Each error has its own named random stream, and is drawn whether or not its measurement is delivered:
-//! planners that fly differently have the same errors at the same time.
+//! Each error has its own named random stream and is drawn whether or not its measurement is delivered, so
+//! that planners that fly differently experience the same errors at the same time.
 //!
-//! Read [`noise`], [`gnss`] and [`imu`] for the vessel, then [`camera`], [`square_pose`], [`vision_loss`],
-//! [`occlusion`], [`night`] and [`tag`] for the drone.
+//! Start with [`noise`], [`gnss`] and [`imu`] for the vessel, then [`camera`], [`square_pose`],
+//! [`vision_loss`], [`occlusion`], [`night`] and [`tag`] for the drone.
 
 pub mod attitude;
 pub mod beacon;
@@ -47,7 +47,7 @@ use occlusion::Occlusion;
 use outlet::{Outlet, SenderIdentity};
 
 config! {
-    /// All sensors of both craft.
+    /// All sensors of vessel and drone.
     pub struct SensorConfig {
         /// The vessel's inertial measurement unit.
         pub vessel_imu: imu::VesselImuConfig;
@@ -55,13 +55,13 @@ config! {
         pub vessel_gnss: gnss::VesselGnssConfig;
         /// The vessel's heading sensor.
         pub vessel_heading: heading::VesselHeadingConfig;
-        /// The vessel's attitude sensor, if it has one.
+        /// The vessel's attitude sensor, if any.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub vessel_attitude: Option<attitude::VesselAttitudeConfig> = None;
-        /// The vessel's beacon, if it has one.
+        /// The vessel's beacon, if any.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub beacon: Option<beacon::BeaconConfig> = None;
-        /// The vessel's receiver as moving base of the drone's, if it is one.
+        /// The vessel's GNSS receiver as moving base for the drone's receiver, if enabled.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub moving_base: Option<moving_base::MovingBaseConfig> = None;
         /// The detector of the deck's tag.
@@ -70,14 +70,14 @@ config! {
         pub uvdar: uvdar::UvdarConfig;
         /// The drone's rangefinder.
         pub rangefinder: rangefinder::RangefinderConfig;
-        /// The two computers' clocks.
+        /// Clocks of the two computers.
         pub clocks: clocks::ClockErrorConfig;
         /// Error of the camera's mount.
         pub camera_mount: camera::CameraMountConfig;
         /// Images of the belly camera.
         pub render: render::RenderConfig;
-        /// Light by night. None: daylight; the belly camera has the exposure `tag.exposure_s` and the white
-        /// `render.white`.
+        /// Light at night. None: daylight; the belly camera then uses the exposure `tag.exposure_s` and the
+        /// white level `render.white`.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub night: Option<night::NightConfig> = None;
     }
@@ -97,17 +97,16 @@ config! {
     }
 }
 
-/// Sensor readings of one tick.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DroneReadings {
     /// Beacon messages on the autopilot's link.
     pub beacons: Vec<PlaceReport>,
-    /// Own GNSS receiver (UBX).
+    /// Bytes of the drone's own GNSS receiver (UBX).
     pub receiver: Vec<u8>,
     pub tags: Vec<TagPose>,
-    /// Started exposures, if images replace the detections.
+    /// Exposures begun, if images replace the detections.
     pub shots: Vec<render::Shot>,
-    /// Started exposures of the ultraviolet camera.
+    /// Exposures begun by the ultraviolet camera.
     pub uv_shots: Vec<render::Shot>,
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
@@ -116,7 +115,6 @@ pub struct DroneReadings {
 }
 
 impl DroneReadings {
-    /// Adds `by` to the stamps of detections.
     pub fn shift(&mut self, by: Span) {
         self.tags.iter_mut().for_each(|m| m.header.at += by);
         self.uvdar.iter_mut().for_each(|m| m.header.at += by);
@@ -124,8 +122,8 @@ impl DroneReadings {
     }
 }
 
-/// The vessel's sensors. [`VesselSensors::step`], called each tick of 10 ms with the truth, returns what has
-/// arrived, stamped with its time of measurement.
+/// The vessel's sensors. [`VesselSensors::step`] is called in each tick of 10 ms with the truth and returns
+/// the measurements that have arrived, stamped with their time of measurement.
 #[derive(Clone, Debug)]
 pub struct VesselSensors {
     imu: imu::VesselImu,
@@ -136,7 +134,7 @@ pub struct VesselSensors {
 }
 
 impl VesselSensors {
-    /// `place`: on Earth; None if it does not matter.
+    /// `place` is the geographic position; None if it is not needed.
     pub fn new(
         config: &SensorConfig,
         place: Option<Datum>,
@@ -153,11 +151,10 @@ impl VesselSensors {
                 .map(|c| moving_base::BaseReceiver::new(c, identity, streams)),
         }
     }
-    /// Displacement of the vessel's NED plane by GNSS bias, m: what to add to a true position.
+    /// Displacement of the vessel's NED plane by its GNSS bias, m; add it to a true position.
     pub fn gnss_bias(&self) -> Vector3<f64> {
         self.gnss.bias()
     }
-    /// RTCM 3 bytes of the moving base that have arrived by `t`.
     pub fn rtcm(&mut self, t: Time<TrueTime>) -> Vec<u8> {
         self.moving_base.as_mut().map_or_else(Vec::new, |b| b.step(t))
     }
@@ -174,20 +171,20 @@ impl VesselSensors {
     }
 }
 
-/// Used like [`VesselSensors`].
+/// The drone's sensors; used like [`VesselSensors`].
 #[derive(Clone)]
 pub struct DroneSensors {
     beacon: Option<beacon::Beacon>,
     rover: Option<moving_base::MovingBaseRover>,
     mount: CameraMount,
     tag: tag::SimulatedTagDetector,
-    /// Detects another boat's tags in the same image.
+    /// Detector for another boat's tags in the same image.
     other_tag: tag::SimulatedTagDetector,
     other: Option<RigidState<Deck>>,
     tag_outlet: Outlet<TagPose, DroneClock>,
-    /// Light by night without rendered images.
+    /// Light at night, reported without rendered images.
     light: Option<Outlet<CameraLight, DroneClock>>,
-    /// Exposure of the ultraviolet camera, and by day of the belly camera, s.
+    /// Exposure time of the ultraviolet camera, and of the belly camera by day, s.
     exposure_s: f64,
     shutter: Option<render::Shutter>,
     uv_shutter: Option<render::Shutter>,
@@ -221,7 +218,7 @@ impl DroneSensors {
             other_tag: tag("drone.other_tag"),
             other: None,
             exposure_s: config.tag.exposure_s,
-            // With rendered images, the camera node reports the light.
+            // With rendered images, the camera node reports the light instead.
             light: (config.night.is_some() && !config.render.on).then(|| {
                 Outlet::new(
                     CAMERA_LIGHT.rate_hz,
@@ -242,18 +239,18 @@ impl DroneSensors {
             rangefinder: rangefinder::Rangefinder::new(&config.rangefinder, drone, deck, identity, streams),
         }
     }
-    /// Another boat's deck with the vessel's tags.
+    /// Shows another boat's deck with the vessel's tags.
     pub fn show(&mut self, other: Option<RigidState<Deck>>) {
         self.other = other;
     }
-    /// Passes whole frames to the receiver with a moving base.
+    /// Passes complete frames to the receiver that uses the moving base.
     pub fn receive_rtcm(&mut self, t: Time<TrueTime>, bytes: &[u8]) {
         self.rover.iter_mut().for_each(|r| r.receive(t, bytes));
     }
     pub fn fail_moving_base(&mut self, faults: moving_base::MovingBaseFaults) {
         self.rover.iter_mut().for_each(|r| r.faults = faults);
     }
-    /// Readings that have arrived by `t`; `water(north, east)`: NED z of the surface, m.
+    /// Readings that have arrived by `t`; `water(north, east)` is the NED z of the surface, m.
     pub fn step(
         &mut self,
         t: Time<TrueTime>,

@@ -1,8 +1,8 @@
-//! Moving base: the vessel's receiver sends RTCM 3, and the drone's computes the vector between the two
-//! antennas.
+//! Moving base: the vessel's receiver sends RTCM 3, and the drone's receiver computes the vector between the
+//! two antennas.
 //!
-//! Both measure at common GNSS times, the epochs, whose numbers the frames contain. An epoch gives a position
-//! 80 ms after all its frames (base position and observations) have arrived; an incomplete epoch gives none.
+//! Both receivers measure at common GNSS times, the epochs, whose numbers are in the frames. An epoch yields a position
+//! 80 ms after all its frames (base position and observations) have arrived; an incomplete epoch yields none.
 //!
 //! | solution | becomes | after |
 //! |---|---|---|
@@ -29,9 +29,9 @@ use super::outlet::{Outlet, SenderIdentity};
 use crate::physics::body::RigidState;
 use crate::physics::streams::Streams;
 
-/// Messages of an epoch with content sizes, bytes: position of the base, GPS, GLONASS, Galileo, BeiDou; and
-/// in each fifth epoch the GLONASS biases. Source: numbers of u-blox's moving base; sizes for 5 to 8
-/// satellites a system and two signals each.
+/// Messages of an epoch with content sizes, bytes: position of the base, GPS, GLONASS, Galileo, BeiDou, and
+/// in every fifth epoch the GLONASS biases. Source: message numbers of u-blox's moving base; sizes for 5 to 8
+/// satellites per system and two signals per satellite.
 const MESSAGES: [(u16, usize); 6] = [
     (rtcm::UBLOX, 57),
     (1077, 147),
@@ -40,17 +40,17 @@ const MESSAGES: [(u16, usize); 6] = [
     (1127, 137),
     (1230, 57),
 ];
-/// Bits of the messages of a complete epoch.
+/// Bits for the messages of a complete epoch.
 const COMPLETE: u8 = 0b1_1111;
-/// Time from an epoch to its frames' arrival at the vessel's computer, s: 1 kB over a fast serial line.
+/// Time from an epoch to the arrival of its frames at the vessel's computer, s: 1 kB over a fast serial line.
 const BASE_LATENCY_S: f64 = 0.03;
-/// Time from the last frame of an epoch to its solution at the drone's computer, s.
+/// Time from the last frame of an epoch to the solution's arrival at the drone's computer, s.
 const PROCESSING_S: f64 = 0.08;
 /// Maximum number of epochs that wait for frames, and of solutions in transit.
 const EPOCHS: usize = 64;
 /// Maximum age of corrections that can improve a solution, s.
 const FRESH_S: f64 = 2.0;
-/// Times without corrections until a fix, and until any solution, is lost, s.
+/// Times without corrections after which a fix, and any solution, is lost, s.
 const FIX_LASTS_S: f64 = 5.0;
 const FLOAT_LASTS_S: f64 = 20.0;
 /// Time from the first corrections to the first float solution, s.
@@ -65,17 +65,17 @@ const CODE_SD_M: f64 = 1.5;
 const SLOW_S: f64 = 20.0;
 const FLOAT_S: f64 = 30.0;
 const CODE_S: f64 = 60.0;
-/// Error of a fix by different atmosphere, m per metre between the antennas.
+/// Error of a fix caused by different atmosphere, m per metre between the antennas.
 const BASELINE_ERROR: f64 = 1e-6;
 
 config! {
-    /// The vessel's GNSS receiver as moving base of the drone's.
+    /// The vessel's GNSS receiver as moving base for the drone's receiver.
     ///
-    /// Defaults: two receivers of two frequencies (u-blox F9P) on open water; values chosen here.
+    /// Defaults: two dual-frequency receivers (u-blox F9P) on open water; values chosen here.
     #[derive(Copy)]
     pub struct MovingBaseConfig {
         /// Epochs per second.
-        /// Chosen: 2.9 kB/s on the radio with headers, of the 3 kB/s for these frames.
+        /// Chosen: 2.9 kB/s on the radio including headers, of the 3 kB/s reserved for these frames.
         pub rate_hz: f64 = 4.0, in 1.0..=5.0;
         /// Antenna of the vessel's receiver relative to the deck's centre, in the vessel's body frame, m.
         /// Chosen: at the stern rail, below the feet of a landing drone.
@@ -84,12 +84,12 @@ config! {
         pub time_to_fix_s: f64 = 8.0, in 0.1..=1e4;
         /// Mean duration of a fix, s.
         pub fix_lost_every_s: f64 = 120.0, in 1.0..=1e6;
-        /// Error of every fix, m, in a direction that is constant during the fix.
+        /// Error of every fix, m, in a direction that is constant during a fix.
         pub false_fix_m: f64 = 0.0, in 0.0..=100.0;
-        /// Latency of the own fix (NAV-PVT) of the drone's receiver, s.
+        /// Latency of the position fix (NAV-PVT) of the drone's receiver, s.
         pub fix_latency_s: f64 = 0.05, in 0.0..=0.5;
-        /// Fraction of the sky that the vessel hides from its antenna; noise and time to a fix increase by
-        /// 1 + 3 times it.
+        /// Fraction of the sky that the vessel hides from its antenna. Noise and time to a fix increase by a
+        /// factor of 1 + 3 times this fraction.
         pub blocked: f64 = 0.0, in 0.0..=1.0;
     }
 }
@@ -98,12 +98,12 @@ config! {
 pub struct MovingBaseFaults {
     pub corrections_lost: bool,
     pub fix_lost: bool,
-    /// Error of every fix, m; 0: no false fix.
+    /// Error of every fix, m; 0: fixes are correct.
     pub false_fix_m: f64,
 }
 
 fn epoch_at(t: Time<TrueTime>, rate_hz: f64) -> u32 {
-    // Rounded like the schedule.
+    // Rounded in the same way as the measurement schedule.
     (t.secs() * rate_hz + 1e-6).floor().max(0.0) as u32
 }
 
@@ -139,13 +139,12 @@ impl BaseReceiver {
 #[derive(Clone, Debug)]
 struct Ambiguities {
     solution: CarrierSolution,
-    /// Time of the next change; None: without corrections it has not begun.
+    /// Time of the next change; None: the wait has not begun because there are no corrections.
     changes_at: Option<Time<TrueTime>>,
     /// Mean time to a fix, and to its loss, s.
     means_s: [f64; 2],
     times: Noise,
     directions: Noise,
-    /// Direction of a false fix's error.
     direction: Vector3<f64>,
 }
 
@@ -161,7 +160,7 @@ impl Ambiguities {
             direction: Vector3::zeros(),
         }
     }
-    /// `age_s`: age of the corrections; `fix_lost`: no fix is possible.
+    /// `age_s` is the age of the corrections; `fix_lost`: no fix is possible.
     fn step(&mut self, t: Time<TrueTime>, age_s: f64, fix_lost: bool) {
         let fresh = age_s <= FRESH_S;
         let due = self.changes_at.is_some_and(|at| t >= at);
@@ -197,7 +196,7 @@ impl Ambiguities {
     }
 }
 
-/// An epoch at the drone's receiver.
+/// An epoch as received by the drone's receiver.
 #[derive(Clone, Copy, Debug)]
 struct Epoch {
     number: u32,
@@ -206,7 +205,7 @@ struct Epoch {
     baseline: Vector3<f64>,
     /// Errors of a code, a float and a fixed solution, m.
     errors: [Vector3<f64>; 3],
-    /// Bits of messages that arrived.
+    /// Bits for messages that have arrived.
     came: u8,
 }
 
@@ -263,7 +262,7 @@ impl MovingBaseRover {
                 let epoch = *epoch;
                 self.newest = Some((epoch.number, epoch.at));
                 let place = self.solved(&epoch);
-                // Full only with more frames in transit than a radio holds.
+                // The line is full only if more frames are in transit than a radio can hold.
                 let _full = self.line.push(t + Span::from_secs(PROCESSING_S), place);
             }
         }
@@ -286,7 +285,7 @@ impl MovingBaseRover {
         let sd_m = sd_m.map(|sd| sd * (1.0 + 3.0 * self.config.blocked));
         ubx::nav_relposned_of_place(epoch.at.nanos(), baseline_m, sd_m, solution)
     }
-    /// Bytes that have arrived by `t`. Measures if an epoch is due.
+    /// Bytes that have arrived by `t`. Measures when an epoch is due.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -298,7 +297,7 @@ impl MovingBaseRover {
         if let Some(dt) = self.schedule.due(t) {
             let base = Vector3::from(self.config.antenna_m);
             let baseline = drone.at::<DroneBody>(self.antenna).position.0 - deck.at::<Deck>(base).position.0;
-            // Each epoch draws all errors, used or not.
+            // Each epoch draws all errors, whether used or not.
             let white = self.white.normal3();
             let far = white * (BASELINE_ERROR * baseline.norm());
             let fixed = white.component_mul(&Vector3::from(FIXED_SD_M)) + self.slow.step(dt) + far;
@@ -313,7 +312,7 @@ impl MovingBaseRover {
                 errors: errors.map(|e| e * (1.0 + 3.0 * self.config.blocked)),
                 came: 0,
             });
-            // Only its time is read.
+            // Only the time of this fix is used.
             let stated = StatedErrors {
                 position_m: 1.5,
                 velocity_mps: 0.1,

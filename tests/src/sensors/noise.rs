@@ -1,5 +1,3 @@
-//! Sensor errors: white noise and Gauss-Markov processes.
-
 use core::ops::RangeInclusive;
 
 use alight_shared::config::{ConfigError, InRange, Keys};
@@ -11,7 +9,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::{Stream, Streams};
 
-/// A named random stream.
 #[derive(Clone, Debug)]
 pub struct Noise(Stream);
 
@@ -29,15 +26,15 @@ impl Noise {
     pub fn uniform(&mut self) -> f64 {
         self.0.random()
     }
-    /// True with probability `p`. Always draws, so that `p` does not shift later draws.
+    /// True with probability `p`. Always draws, so that `p` does not affect later draws.
     pub fn chance(&mut self, p: f64) -> bool {
         self.uniform() < p
     }
 }
 
 /// First-order Gauss-Markov process in three independent axes (Brown and Hwang 2012, section 2.9): `db/dt =
-/// -b / tau + w`, stationary with `sd` and the correlation `exp(-dt / tau)`, discretised exactly, started in
-/// its stationary distribution.
+/// -b / tau + w`, stationary with `sd` and the correlation `exp(-dt / tau)`, discretised exactly. It starts
+/// in its stationary distribution.
 #[derive(Clone, Debug)]
 pub struct GaussMarkovError {
     noise: Noise,
@@ -68,8 +65,8 @@ impl GaussMarkovError {
     }
 }
 
-/// Ticks at which a slower sensor measures. A rate that does not divide the tick rate alternates between
-/// intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); stamps are those of the ticks.
+/// Ticks at which a sensor slower than the tick rate measures. A rate that does not divide the tick rate
+/// alternates between intervals (30 Hz on 10 ms ticks: 40, 30, 30 ms); stamps are the times of the ticks.
 #[derive(Clone, Copy, Debug)]
 pub struct SampleSchedule {
     rate_hz: f64,
@@ -80,9 +77,9 @@ impl SampleSchedule {
     pub const fn new(rate_hz: f64) -> Self {
         SampleSchedule { rate_hz, last: None }
     }
-    /// Time since the last measurement (0 at the first), s; None if none is due.
+    /// Time since the last measurement (0 at the first), s; None if no measurement is due.
     pub fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
-        // With the offset, 0.29 s * 100 Hz does not round down to 28.
+        // The offset prevents 0.29 s * 100 Hz from being rounded down to 28.
         let index = (t.secs() * self.rate_hz + 1e-6).floor() as i64;
         match self.last {
             Some((last, _)) if index <= last => None,

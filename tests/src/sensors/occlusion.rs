@@ -1,4 +1,4 @@
-//! Occlusion of the tags by the drone's legs, and by its shadow.
+//! Occlusion of the tags by the drone's legs and by its shadow.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DroneGeometry;
@@ -6,19 +6,17 @@ use nalgebra::{Vector2, Vector3};
 
 use super::camera::{CameraMotion, CameraMount};
 
-/// Radius of a leg, m.
-/// Chosen: a carbon tube of 16 mm with its clamps.
+/// Radius of a leg, m. Chosen: carbon tube of 16 mm with its clamps.
 const LEG_RADIUS_M: f64 = 0.01;
-/// Radius of the parts that cast a shadow (plates, battery, roots of the rotor arms), in rotor arm lengths. Spinning rotors
-/// pass nine tenths of the light. Chosen: as on a Tarot T650.
+/// Radius of the parts that cast a shadow (plates, battery, roots of the rotor arms), in rotor arm lengths.
+/// Spinning rotors transmit nine tenths of the light. Chosen: as on a Tarot T650.
 const BODY: f64 = 0.4;
-/// Points along a leg, closer together than its radius.
+/// Number of points along a leg; their spacing is smaller than its radius.
 const POINTS: usize = 60;
 
-/// Legs and body in camera axes, and the sun.
 #[derive(Clone, Debug)]
 pub struct Occlusion {
-    /// Points along the legs in front of the camera, at unit distance: image coordinates and radius.
+    /// Points along the legs in front of the camera, at unit distance: image coordinates, and radius.
     pub(super) legs: Vec<(Vector2<f64>, f64)>,
     body: Vector3<f64>,
     radius_m: f64,
@@ -62,7 +60,6 @@ impl Occlusion {
             sun,
         }
     }
-    /// Shadow of the body in camera axes.
     pub(super) fn shadow(&self, view: &CameraMotion) -> Shadow {
         Shadow {
             body: self.body,
@@ -70,8 +67,7 @@ impl Occlusion {
             sun: (view.camera_from_world * self.sun).0,
         }
     }
-    /// Whether a leg crosses a convex quadrilateral at unit distance, with corners clockwise as in
-    /// [`super::tag`].
+    /// Whether a leg crosses a convex quadrilateral at unit distance, whose corners are clockwise as in [`super::tag`].
     pub(super) fn covers(&self, quad: &[Vector2<f64>; 4]) -> bool {
         self.legs.iter().any(|(at, radius)| {
             (0..4).all(|k| {
@@ -100,17 +96,17 @@ mod tests {
             position: Vector3::from(drone.camera_m),
             attitude: body_from_camera(),
         };
-        // Sun ahead, at an elevation of 45 deg.
+        // The sun is ahead, at an elevation of 45 deg.
         let half = core::f64::consts::FRAC_1_SQRT_2;
         let hidden = Occlusion::new(&drone, &mount, Vector::new(half, 0.0, -half));
-        // The right front foot is at 0.1 / 0.22 to the right and up in the image.
+        // In the image, the right front foot is 0.1 / 0.22 to the right and up.
         let quad = |x: f64, y: f64| {
             [[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [1.0, 1.0]]
                 .map(|[u, v]| Vector2::new(x + 0.05 * u, y + 0.05 * v))
         };
         assert!(hidden.covers(&quad(0.45, -0.45)));
         assert!(!hidden.covers(&quad(0.0, 0.0)) && !hidden.covers(&quad(0.45, 0.2)));
-        // At 1 m above the deck, the shadow is 1 m aft.
+        // At 1 m above the deck, the shadow is 1 m aft of the drone.
         let view = mount.view(&RigidState::<DroneBody>::default());
         let below = |ahead: f64| view.to_camera_frame(alight_shared::frames::Point::new(ahead, 0.0, 1.0));
         let shadow = hidden.shadow(&view);

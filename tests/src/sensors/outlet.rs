@@ -1,4 +1,4 @@
-//! Output of every sensor: rate, latency, outages and headers.
+//! Output stage of every sensor: rate, latency, outages and message headers.
 
 use core::marker::PhantomData;
 
@@ -12,7 +12,7 @@ use super::noise::{SampleSchedule, Windows};
 /// Maximum number of measurements in transit.
 const QUEUE: usize = 256;
 
-/// Sender in message headers.
+/// Sender identification in message headers.
 #[derive(Clone, Copy, Debug)]
 pub struct SenderIdentity {
     pub vessel: u32,
@@ -28,7 +28,7 @@ impl SenderIdentity {
     }
 }
 
-/// Stamps measurements `M` by the clock `C`.
+/// Stamps measurements `M` with the clock `C`.
 #[derive(Clone, Debug)]
 pub(crate) struct Outlet<M, C> {
     schedule: SampleSchedule,
@@ -52,11 +52,10 @@ impl<M, C: Clock> Outlet<M, C> {
             clock: PhantomData,
         }
     }
-    /// Time since the last measurement (0 at the first), s; None if none is due.
+    /// Time since the last measurement (0 at the first), s; None if no measurement is due.
     pub(crate) fn due(&mut self, t: Time<TrueTime>) -> Option<f64> {
         self.schedule.due(t)
     }
-    /// Sends the measurement unless it is missing or in an outage.
     pub(crate) fn send(
         &mut self,
         t: Time<TrueTime>,

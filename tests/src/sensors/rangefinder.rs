@@ -18,11 +18,11 @@ use crate::physics::streams::Streams;
 pub enum RangefinderFault {
     #[default]
     None,
-    /// Spray on the window: the range is always that to the feet.
+    /// Spray on the window: the reading is always the range to the feet.
     Feet,
-    /// A wet deck mirrors the beam: the range is that to the water below.
+    /// A wet deck mirrors the beam: the reading is the range to the water below.
     Water,
-    /// Reports 0 m, the manufacturer's value for an invalid reading.
+    /// Readings are 0 m, the manufacturer's value for an invalid reading.
     Invalid,
 }
 
@@ -40,13 +40,13 @@ config! {
         pub min_range_m: f64 = 0.05;
         /// White noise, m.
         pub white_sd_m: f64 = 0.03, in 0.0..=5.0;
-        /// Probability that a reading from the deck is missing.
+        /// Probability that a reading is missing above the deck.
         pub deck_miss: f64 = 0.005, in 0.0..=1.0;
-        /// Probability that a reading from the water is missing; water reflects the beam away.
+        /// Probability that a reading is missing above water, which reflects the beam away.
         pub water_miss: f64 = 0.2, in 0.0..=1.0;
         /// Windows `[start, end)` without readings, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
-        /// Permanent fault from the first reading from the deck below `fails_below_m`.
+        /// Permanent fault that begins with the first reading from the deck below `fails_below_m`.
         pub fault: RangefinderFault = RangefinderFault::None;
         /// Reading from the deck below which the fault begins, m.
         pub fails_below_m: f64 = 0.8, in 0.0..=500.0;
@@ -146,7 +146,7 @@ impl Rangefinder {
         }
         self.outlet.arrived(t)
     }
-    /// Distance along the beam, m; None off the deck.
+    /// Distance along the beam, m; None if the beam misses the deck.
     fn on_deck(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> Option<f64> {
         let eye = drone.at::<DroneBody>(self.place).position;
         let beam = drone.attitude.down();
@@ -159,8 +159,8 @@ impl Rangefinder {
         }
         None
     }
-    /// Water surface along the beam by fixed-point steps, each of which samples the surface below the last
-    /// estimate. They contract by slope x tan(tilt), below 0.2 in flight.
+    /// Water surface along the beam, by fixed-point steps that each sample the surface below the previous
+    /// estimate. They contract by slope x tan(tilt), which is below 0.2 in flight.
     fn water(&self, eye: Vector3<f64>, beam: Vector3<f64>, water: impl Fn(f64, f64) -> f64) -> Echo {
         if !(beam.z > 0.2) {
             return Echo::None;

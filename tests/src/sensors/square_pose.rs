@@ -1,5 +1,4 @@
-//! Measures the errors of the drone camera's pose solver, which the measurement model uses, with the world's
-//! noise.
+//! Tests of the drone camera's pose solver, which the measurement model also uses, with simulated corner noise.
 
 pub use alight_uav::camera::square_pose::{DeckPose, DetectedTag, corners, corners_of, solve};
 
@@ -12,7 +11,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector2, Vector3, Vector6};
     use proptest::prelude::*;
 
-    /// One tag with the side `side_m`.
+    /// Pose from one tag with the side `side_m`.
     fn solve(side_m: f64, image: &[Vector2<f64>; 4], sd: f64) -> Option<DeckPose> {
         let tag = DeckTag {
             side_m,
@@ -40,7 +39,7 @@ mod tests {
             let t = Vector3::new(x * z, y * z, z);
             let tilt = UnitQuaternion::from_scaled_axis(Vector3::new(about.cos(), about.sin(), 0.0) * tilt);
             let q = tilt * UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-            // The upper face is turned to the camera, with a margin.
+            // The upper face must be turned to the camera, with a margin.
             prop_assume!((q * Vector3::z()).dot(&t.normalize()) > 0.3);
             let s = solve(1.0, &image(1.0, t, q), 1.0 / 320.0).unwrap();
             prop_assert!((s.position - t).norm() < 1e-6, "{} {}", s.position, t);
@@ -80,7 +79,7 @@ mod tests {
                 Vector3::new(0.0, 0.5, 7.0),
                 UnitQuaternion::from_euler_angles(0.05, 0.1, 0.0),
             ),
-            // Here the wrong tilt is often chosen.
+            // Cases in which the solver often chooses the wrong tilt.
             (
                 Vector3::new(0.0, 0.0, 10.0),
                 UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0),

@@ -1,10 +1,10 @@
 //! Detector of the deck's fiducial tags: corners, noise, pose. Each tag is decoded independently, unless it
 //! is partly outside the image, behind a leg or in the drone's shadow.
 //!
-//! Detection probability and corner noise are fitted to the camera node on 4000 rendered images, random in
+//! Detection probability and corner noise are fitted to the camera node on 4000 rendered images with random
 //! range, incidence and motion (`study camera` at commit 2bb52893). Two quantities in the image predict them,
-//! px: the tag's narrowest width `w` (area over longest side), and its motion during the exposure `b`.
-//! Incidence needs no term, because an oblique tag is narrow.
+//! px: the tag's narrowest width `w` (area over longest side), and its motion `b` during the exposure.
+//! Incidence needs no separate term because an oblique tag is narrow.
 //!
 //! ```text
 //! chance = 1 / (1 + ((w0 + c b²) / w)^(1/s))
@@ -13,16 +13,15 @@
 //!
 //! Maximum-likelihood fit: `w0` 13.3 px, `c` 0.27 /px, `s` 0.093; corner 0.072, small 0.229, `w1` 16.1 px, `k` 0.198.
 //!
-//! By night ([`super::night`]) the tag's contrast `c`, white less black, and a pixel's noise `n` add two
-//! factors to the probability, and a term to the corner noise:
+//! At night ([`super::night`]) the tag's contrast `c` (white minus black) and the noise `n` of a pixel add
+//! two factors to the probability and a term to the corner noise:
 //!
 //! ```text
 //! factor = 1 / (1 + exp((m0 - c/2) / m1)) · 1 / (1 + (r w^-0.23 n / c)^q)      sd² += (k n / c)²
 //! ```
 //!
-//! `m0` is 16 grey levels, the detector's minimum margin without its sharpening by a quarter; `m1` is 0.5:
-//! all images are decoded at `c/2` of 17, none at 9. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9, `k`
-//! 1.05.
+//! `m0` is 16 grey levels, the detector's minimum margin before its sharpening by a quarter; `m1` is 0.5: all images
+//! are decoded at `c/2` of 17, none at 9. Rendered images at 24 to 48 dB gave `r` 7.0, `q` 9, `k` 1.05.
 //!
 //! [`super::vision_loss`] models temporary covers of the tag.
 
@@ -48,7 +47,7 @@ config! {
     /// Tag detector and its camera.
     pub struct TagConfig {
         /// Frames per second.
-        /// Source: 30 Hz, 50 ms late, 1 px at 640 x 480.
+        /// Source: 30 Hz, 50 ms latency, 1 px at 640 x 480.
         pub rate_hz: f64 = 30.0, in 0.1..=100.0;
         /// Delay from exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
@@ -60,13 +59,13 @@ config! {
         /// Chosen: a typical wide lens that is not a fisheye.
         pub fov_deg: f64 = 90.0, in 10.0..=150.0;
         /// Noise of each corner coordinate of a large, sharp tag, px.
-        /// Source: 0.072 on rendered images; larger here, because real lenses are imperfectly calibrated and
-        /// paint is not flat. The camera mount's error is far larger.
+        /// Source: 0.072 on rendered images; larger here because real lenses are imperfectly calibrated and
+        /// paint is not flat. The error of the camera's mount is far larger.
         pub corner_sd_px: f64 = 0.1, in 1e-6..=20.0;
-        /// Standard deviation added (root of squares) for tags of at most [`TagConfig::small_width_px`], px.
-        /// Source: rendered images; likewise the next five keys.
+        /// Standard deviation added (root sum of squares) for tags of at most [`TagConfig::small_width_px`], px.
+        /// Source: rendered images, as for the next five keys.
         pub small_sd_px: f64 = 0.23, in 0.0..=20.0;
-        /// Width beyond which `small_sd_px` decreases with the fourth power of the width, px.
+        /// Width above which `small_sd_px` decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
         /// Standard deviation due to motion, as a fraction of blur²/width.
         pub blur_sd: f64 = 0.2, in 0.0..=20.0;
@@ -76,28 +75,28 @@ config! {
         /// Standard deviation that the detector assumes for the positions of several tags, per axis, m.
         /// Source: the camera node.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Tags of the camera node's configuration; empty: the true ones. Set when the world is drawn.
+        /// Tags in the camera node's configuration; empty: the true tags. Set when the world is drawn.
         #[serde(skip)]
         pub known: Tags = Tags::new();
-        /// Narrowest width at which half of the frames are decoded, px. It limits range and, by the width in
-        /// an oblique view, incidence.
+        /// Width at which half of the frames are decoded, px. It limits the range and, since an oblique view
+        /// narrows the tag, the incidence.
         pub min_width_px: f64 = 13.3, in 1.0..=1e4;
-        /// Spread of that limit (logistic in the width's logarithm); 0: a step.
+        /// Spread of that limit (logistic in the logarithm of the width); 0: a step.
         pub width_spread: f64 = 0.093, in 0.0..=10.0;
-        /// Increase of that limit by blur, per px of squared blur.
+        /// Increase of that limit per px of squared blur.
         pub blur_cost_per_px: f64 = 0.27, in 0.0..=100.0;
         /// Maximum angle between the line of sight and the tag's normal, deg.
-        /// Source: maximum of the rendered images.
+        /// Source: maximum in the rendered images.
         pub max_incidence_deg: f64 = 80.0, in 1.0..=89.0;
         /// Minimum distance along the optical axis that is in focus, m.
-        /// Source: circle of confusion `f a (1/d - 1/s)`: a focal length of 320 px, an aperture of 0.7 mm
-        /// (1.9 mm f/2.8) and a focus at 1 m blur by 1.6 px at 0.12 m, a tenth of the smallest tag's cell.
+        /// Source: circle of confusion `f a (1/d - 1/s)`. A focal length of 320 px, an aperture of 0.7 mm (1.9 mm
+        /// f/2.8) and a focus at 1 m cause a blur of 1.6 px at 0.12 m, a tenth of the smallest tag's cell.
         pub min_distance_m: f64 = 0.12, in 0.01..=100.0;
         /// Exposure, s.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Maximum motion of the tag in the image during the exposure, px.
         pub max_blur_px: f64 = 20.0, in 0.1..=1e3;
-        /// Temporary losses of the tag: glare, spray, a cover.
+        /// Temporary losses of the tag by glare, spray or a cover.
         pub loss: VisionLossConfig;
         /// Windows `[start, end)` without detections, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -108,7 +107,7 @@ config! {
 pub(crate) struct SimulatedTagDetector {
     config: TagConfig,
     lens: PinholeLens,
-    /// True tags, and those of the camera node's configuration.
+    /// True tags, and the tags in the camera node's configuration.
     tags: Tags,
     known: Tags,
     occlusion: Option<Occlusion>,
@@ -119,7 +118,7 @@ pub(crate) struct SimulatedTagDetector {
 }
 
 impl SimulatedTagDetector {
-    /// Streams `NAME.corner` and `NAME.read`.
+    /// Uses the random streams `NAME.corner` and `NAME.read`.
     pub(crate) fn new(config: &TagConfig, deck: &DeckGeometry, name: &str, streams: &Streams) -> Self {
         SimulatedTagDetector {
             lens: PinholeLens::new(config.width_px, config.height_px, config.fov_deg.to_radians()),
@@ -150,7 +149,7 @@ impl SimulatedTagDetector {
             ..self
         }
     }
-    /// Exposure and gain from this view: fixed by day, auto_exposure on the tags' light by night.
+    /// Exposure and gain for this view: fixed by day, from metering on the tags' light at night.
     pub(crate) fn setting(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Setting {
         let tag_views: Vec<_> = self.tag_views(view, deck).into_iter().flatten().collect();
         self.converged_setting(&tag_views)
@@ -162,7 +161,7 @@ impl SimulatedTagDetector {
         let setting = self.converged_setting(&tag_views);
         let grey = |lux: f64| (lux * night.grey_per_lux(&setting)).min(255.0);
         let [white, black] = night.tag_lux();
-        // A tag with its margin is half white; the deck is half as bright, the sea a quarter.
+        // A tag with its margin is half white; the deck is half as bright as white, the sea a quarter.
         let tag = |s: &TagView| grey(0.5 * (white + black) + s.veil_lux);
         let brightest = tag_views
             .iter()
@@ -178,7 +177,7 @@ impl SimulatedTagDetector {
         })
     }
     /// Fraction of the image that the lamp at `lamp` (camera axes, m) saturates if its veil prevents all
-    /// decoding: a circle out to the angle at which `pi VEIL E / angle²` is 255 grey levels.
+    /// decoding: a circle up to the angle at which `pi VEIL E / angle²` is 255 grey levels.
     fn glare(
         &self,
         night: &NightConfig,
@@ -201,7 +200,7 @@ impl SimulatedTagDetector {
         let lamp_m = self.night.map_or([0.0; 3], |night| night.lamp_m);
         view.to_camera_frame(deck.at::<Deck>(Vector3::from(lamp_m)).position)
     }
-    /// None for a tag that is not wholly in the image.
+    /// Views of all tags; None for a tag that is not completely in the image.
     fn tag_views(&self, view: &CameraMotion, deck: &RigidState<Deck>) -> Vec<Option<TagView>> {
         self.tags
             .iter()
@@ -217,7 +216,7 @@ impl SimulatedTagDetector {
             };
         };
         let largest = tag_views.iter().max_by(|a, b| a.width.total_cmp(&b.width));
-        // Without a tag the mean is metered: a third of the white's level, at a quarter of its light.
+        // Without a tag the mean is metered: a third of the white's level, from a quarter of its light.
         let white_lux = largest.map_or(0.75 * night.scene_lux(), |s| night.tag_lux()[0] + s.veil_lux);
         night.auto_exposure(white_lux, max_exposure_s)
     }
@@ -233,7 +232,7 @@ impl SimulatedTagDetector {
         let setting = self.converged_setting(&shown);
         let detected: Vec<DetectedTag> = (0..self.tags.len())
             .filter_map(|k| {
-                // Drawn even without a detection, so that planners meet the same noise at the same time.
+                // Drawn even without a detection, so that planners experience the same noise at the same time.
                 let noise: [Vector2<f64>; 4] =
                     core::array::from_fn(|_| Vector2::new(self.corner.normal(), self.corner.normal()));
                 let luck = self.read.uniform();
@@ -264,12 +263,12 @@ impl SimulatedTagDetector {
         (tag_view.speed_pxps * setting.exposure_s <= self.config.max_blur_px)
             .then(|| self.image(&tag_view, &setting))
     }
-    /// None if the tag is not wholly in the image.
+    /// None if the tag is not completely in the image.
     fn tag_view(&self, view: &CameraMotion, deck: &RigidState<Deck>, tag: &DeckTag) -> Option<TagView> {
         let state = deck.at::<Tag>(Vector3::from(tag.centre_m));
         let centre = view.to_camera_frame(state.position);
         let rotation = view.camera_from_world * state.attitude;
-        // The printed face looks to -z of the tag.
+        // The printed face points to the tag's -z.
         let cos_incidence = rotation.down().0.dot(&centre) / centre.norm();
         if !(centre.z >= self.config.min_distance_m)
             || !(cos_incidence >= self.config.max_incidence_deg.to_radians().cos())
@@ -285,11 +284,10 @@ impl SimulatedTagDetector {
             }
         }
         if let Some(drone) = &self.occlusion {
-            // The shadow is far larger than a small tag, and far away when a larger one is wholly in the
-            // image.
+            // The shadow is far larger than a small tag, and far away while a larger tag is completely in the image.
             let points = corners.into_iter().chain([centre]);
             let shadow = drone.shadow(view);
-            // By night light comes from all directions.
+            // At night light comes from all directions.
             let shaded = self.night.is_none() && points.into_iter().any(|p| shadow.covers(p));
             if shaded || drone.covers(&corners.map(|p| p.xy() / p.z)) {
                 return None;
@@ -326,7 +324,7 @@ impl SimulatedTagDetector {
                 1.0 / (1.0 + (NOISE_LIMIT * width.max(1.0).powf(NOISE_WIDTH) * noise).powf(NOISE_STEEPNESS));
             (margin * clear, CORNER_NOISE * noise)
         });
-        // More blur is outside the range of the fit.
+        // A larger blur is outside the range of the fit.
         let chance = if blur <= self.config.max_blur_px {
             self.config.chance(width, blur) * factor
         } else {
@@ -338,7 +336,7 @@ impl SimulatedTagDetector {
             sd_px: self.config.sd_px(width, blur).hypot(noise_px),
         }
     }
-    /// Noisy corners with their reported noise.
+    /// Noisy corners, and the noise that the detector reports for them.
     fn measure(&self, known: &DeckTag, image: &TagImage, noise: &[Vector2<f64>; 4]) -> Option<DetectedTag> {
         let measured: [Vector2<f64>; 4] =
             core::array::from_fn(|i| self.lens.normalised(image.pixels[i] + noise[i] * image.sd_px));
@@ -361,8 +359,8 @@ impl SimulatedTagDetector {
 const MIN_MARGIN: f64 = 16.0;
 const MARGIN_SPREAD: f64 = 0.5;
 const MIN_CHANCE: f64 = 0.05;
-/// Contrast-to-noise ratio at which half of the tags of 1 px are decoded, the power of the width with which
-/// it falls, and the steepness.
+/// Contrast-to-noise ratio at which half of the tags of 1 px are decoded, the exponent of its decrease with
+/// the width, and the steepness.
 const NOISE_LIMIT: f64 = 7.0;
 const NOISE_WIDTH: f64 = -0.23;
 const NOISE_STEEPNESS: f64 = 9.0;
@@ -382,7 +380,7 @@ struct TagView {
     width: f64,
     /// Speed of the centre, px/s.
     speed_pxps: f64,
-    /// Scattered over the tag by lamp and tag at night, lux on white.
+    /// Light scattered over the tag by lamp and tag at night, lux on white.
     veil_lux: f64,
 }
 

@@ -1,15 +1,15 @@
 //! UVDAR: blinking ultraviolet markers on the deck, which a fisheye camera detects from beyond the tag's
 //! range (Walter et al. 2019, "UVDAR system for visual relative localization").
 //!
-//! Rate and errors of fixes follow the camera node on rendered markers (`study camera` at commit 279526b7).
-//! All markers are lit in 58 of 100 images at any range. The error across the line of sight is a length, not
-//! an angle; the distance error is proportional to the distance until the markers merge.
+//! Rate and errors of fixes are fitted to the camera node on rendered markers (`study camera` at commit
+//! 279526b7). All markers are lit in 58 of 100 images at any range. The error across the line of sight is a
+//! length, not an angle; the distance error is proportional to the distance until the markers merge.
 //!
 //! ```text
 //! bearing² = (b g)² + (a/r)²,  distance / r = d g,  g = max(1, r/far)^8
 //! ```
 //!
-//! The node reports four times the error up to `far`.
+//! The node reports four times the actual error up to `far`.
 
 use alight_shared::config;
 use alight_shared::frames::{Deck, DroneBody, Vector};
@@ -31,12 +31,12 @@ config! {
         /// Delay from exposure to delivery, s.
         pub latency_s: f64 = 0.05, in 0.0..=2.0;
         /// Maximum distance, m.
-        /// Source: rendered markers: 57 % of the images at 28 m, 10 % at 34 m.
+        /// Source: rendered markers, detected in 57 % of the images at 28 m and in 10 % at 34 m.
         pub max_range_m: f64 = 31.0, in 0.0..=500.0;
         /// Minimum distance, m, below which markers leave the image.
         pub min_range_m: f64 = 1.5, in 0.1..=500.0;
-        /// Full cone of the fisheye lens, deg.
-        /// Chosen: one lens from straight ahead to straight down and aft.
+        /// Full cone angle of the fisheye lens, deg.
+        /// Chosen: one lens covers directions from straight ahead to straight down and aft.
         pub fov_deg: f64 = 180.0, in 10.0..=360.0;
         /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in 0.0..=90.0;
@@ -54,11 +54,11 @@ config! {
         pub stated_bearing_sd_deg: f64 = 0.5, in 1e-3..=45.0;
         /// Reported standard deviation of the distance, relative to the distance.
         pub stated_distance_sd: f64 = 0.07, in 1e-4..=1.0;
-        /// Correlation time of the distance error, s. Its cause, the markers' apparent geometry, changes
-        /// slowly.
+        /// Correlation time of the distance error, s. The error is caused by the apparent geometry of the
+        /// markers, which changes slowly.
         pub distance_correlation_s: f64 = 0.5, in 1e-3..=1e4;
         /// Probability that a fix is missing.
-        /// Source: rendered markers, of which one is dark in these images.
+        /// Source: rendered markers; in these images one marker is dark.
         pub miss: f64 = 0.42, in 0.0..=1.0;
         /// Windows `[start, end)` without fixes, s of true time.
         pub outages_s: Windows = Windows::default(), in -1e9..=1e9;
@@ -139,7 +139,7 @@ impl SimulatedUvdar {
 }
 
 impl UvdarConfig {
-    /// Standard deviations at a distance in metres: bearing, rad; distance, relative.
+    /// Standard deviations at a distance in metres: bearing, rad; distance, relative to the distance.
     pub fn sd(&self, range_m: f64) -> [f64; 2] {
         let factor = (range_m / self.far_m).max(1.0).powi(8);
         let aside = self.aside_sd_m / range_m.max(1e-3);

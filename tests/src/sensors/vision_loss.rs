@@ -1,9 +1,9 @@
-//! Losses of vision by glare, spray, or an object on the tag.
+//! Loss of vision by glare, spray, or an object on the tag.
 //!
-//! Each cause is an alternating renewal process with exponential times in both states (the two-state chain of
-//! Gilbert 1960 in continuous time), started in its stationary distribution: absent for `interval_s`, present
-//! for `duration_s` on average. It does not depend on the camera, so that planners meet the same losses at
-//! the same times.
+//! Each cause is an alternating renewal process with exponential durations in both states (the two-state
+//! chain of Gilbert 1960 in continuous time): absent for `interval_s`, present for `duration_s` on average.
+//! It starts in its stationary distribution and does not depend on the camera, so that planners experience
+//! the same losses at the same times.
 
 use alight_shared::config;
 use alight_shared::time::{Span, Time, TrueTime};
@@ -12,31 +12,30 @@ use super::noise::Noise;
 use crate::physics::streams::Streams;
 
 config! {
-    /// Temporary losses of the tag; by default 7 % of images.
+    /// Temporary losses of the tag; by default they affect 7 % of images.
     #[derive(Copy)]
     pub struct VisionLossConfig {
         /// Mean time between two glares (mirror image of the sun on a wet deck or in the lens), s.
-        /// Chosen: every few waves the deck's normal passes the direction that reflects the sun.
+        /// Chosen: every few waves the deck's normal passes through the direction that reflects the sun.
         pub glare_interval_s: f64 = 20.0, in 0.01..=1e6;
         /// Mean duration of a glare, s; 0: no glare.
-        /// Chosen: a deck that rocks at 10 deg/s passes the reflecting direction, a few degrees wide on wet
-        /// paint, in 0.3 to 1 s.
+        /// Chosen: a deck that rocks at 10 deg/s takes 0.3 to 1 s to pass through the reflecting direction,
+        /// which is a few degrees wide on wet paint.
         pub glare_duration_s: f64 = 0.6, in 0.0..=60.0;
         /// Mean time between two clouds of spray, s.
-        /// Chosen: one bow wave in a few breaks over the deck.
+        /// Chosen: one in a few bow waves breaks over the deck.
         pub spray_interval_s: f64 = 30.0, in 0.01..=1e6;
         /// Mean duration of a cloud of spray, s; 0: no spray.
-        /// Chosen: drops that rise by 0.5 m fall back after 0.6 s, and are dense for half that time.
+        /// Chosen: drops that rise by 0.5 m fall back after 0.6 s, and the cloud is dense for half that time.
         pub spray_duration_s: f64 = 0.3, in 0.0..=60.0;
         /// Mean time between two covers of the tag (a rope, a net, a puddle, foam), s.
-        /// Chosen: about once in a landing.
+        /// Chosen: about one cover per landing.
         pub cover_interval_s: f64 = 60.0, in 0.01..=1e6;
         /// Mean duration of a cover of part of the tag, s; 0: no cover.
-        /// Chosen: one or two rolls of the deck move the object on.
+        /// Chosen: one or two rolls of the deck move the object away.
         pub cover_duration_s: f64 = 3.0, in 0.0..=600.0;
         /// Probability that a frame is decoded although part of the tag is covered.
-        /// Chosen: the detector corrects one wrong bit of 36, and decodes the tag past a thin rope in some
-        /// frames.
+        /// Chosen: the detector corrects one wrong bit of 36, and in some frames decodes the tag despite a thin rope.
         pub cover_chance: f64 = 0.3, in 0.0..=1.0;
     }
 }
@@ -122,7 +121,7 @@ impl VisionLoss {
         }
     }
     pub(crate) fn hides(&mut self, t: Time<TrueTime>) -> bool {
-        // Every image evaluates all causes, so that none shifts another's draws.
+        // Every image evaluates all causes, so that no cause affects the draws of another.
         let decoded = self.decoded.chance(self.cover_chance);
         let [glare, spray, cover] = [&mut self.glare, &mut self.spray, &mut self.cover].map(|c| c.present(t));
         glare || spray || (cover && !decoded)
@@ -133,7 +132,6 @@ impl VisionLoss {
 mod tests {
     use super::*;
 
-    /// Whether each of `n` images, `step_s` apart, is lost.
     fn lost(config: &VisionLossConfig, seed: u64, n: i64, step_s: f64) -> Vec<bool> {
         let mut loss = VisionLoss::new(config, &Streams::new(seed));
         (0..n)
@@ -148,7 +146,6 @@ mod tests {
             ..VisionLossConfig::none()
         }
     }
-    /// Fraction of lost images, and mean length of a loss, s.
     fn fraction_and_length(lost: &[bool], step_s: f64) -> (f64, f64) {
         let count = lost.iter().filter(|l| **l).count() as f64;
         let bursts = lost.windows(2).filter(|w| !w[0] && w[1]).count() as f64;
@@ -161,7 +158,7 @@ mod tests {
             (only(0.6, 0.0, 0.0), 0.6 / 20.6, 0.6),
             (only(0.0, 0.3, 0.0), 0.3 / 30.3, 0.3),
         ] {
-            // 5.5 hours: at least 660 bursts, whose mean is accurate to 4 %.
+            // 5.5 hours contain at least 660 bursts, whose mean is accurate to 4 %.
             let (lost_fraction, mean_s) = fraction_and_length(&lost(&config, 3, 2_000_000, 0.01), 0.01);
             assert!(
                 (lost_fraction / fraction - 1.0).abs() < 0.13,

@@ -1,5 +1,5 @@
-//! Landings that are aborted, held, or lose their planner at a random height, over the hulls and seas of
-//! `study seas`, adrift or under way. Measures the contacts that follow, and their speed.
+//! Landings that are aborted, held, or lose their planner at a random height, for the hulls and seas of
+//! `study seas`, adrift or under way. Measures whether contacts follow, and their speed.
 
 use alight_shared::msg::{CommandKind, Phase};
 
@@ -10,9 +10,9 @@ use crate::harness::world::World;
 use crate::physics::vessel::VesselCourse;
 use alight_shared::process::ProcessKind;
 
-/// Maximum time to the height of the interruption, s.
+/// Maximum time to reach the height of the interruption, s.
 const LIMIT_S: f64 = 150.0;
-/// Flight time after the interruption, s; a climb to the tracking height takes less.
+/// Flight time after the interruption, s; long enough for a climb to the tracking height.
 const REST_S: f64 = 20.0;
 /// Height of the feet below which the drone must stay above the deck, m.
 const CLEAR_M: f64 = 3.0;
@@ -23,7 +23,7 @@ const STRAYED_M: f64 = 3.0;
 pub enum Interruption {
     Abort,
     Hold,
-    /// The planner's process is killed for good.
+    /// The planner's process is killed permanently.
     PlanLost,
 }
 
@@ -41,9 +41,9 @@ pub fn drive(scenario: &mut Scenario, speed_mps: f64) {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interrupted {
-    /// Maximum impact speed along the deck's normal afterwards, m/s; 0 without impact.
+    /// Maximum impact speed along the deck's normal after the interruption, m/s; 0 without an impact.
     pub hardest_mps: f64,
-    /// A part other than a foot touched, or a foot faster than a landing's limit.
+    /// A part other than a foot touched, or a foot touched faster than a landing permits.
     pub unsafe_contact: bool,
     /// The drone is in the water with motors on.
     pub water: bool,
@@ -65,8 +65,8 @@ impl Interrupted {
     }
 }
 
-/// Lands until the lowest foot is `height_m` above the deck, interrupts, and flies on. None if that height is
-/// never reached.
+/// Flies a landing until the lowest foot is `height_m` above the deck, interrupts it, and continues the
+/// flight. None if that height is never reached.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

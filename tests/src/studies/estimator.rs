@@ -1,5 +1,5 @@
-//! The vessel's estimator and prediction against the truth, in the vessel's GNSS frame: truth plus the
-//! receiver's bias at that instant.
+//! The vessel's estimator and prediction compared with the truth, in the vessel's GNSS frame: the truth plus
+//! the receiver's bias at that instant.
 
 use alight_shared::frames::{euler_rates, wrap_angle};
 use alight_shared::msg::{VesselEstimate, VesselPrediction};
@@ -19,24 +19,22 @@ pub struct VesselTruth {
     pub heave: f64,
 }
 
-/// Standard deviations per stage of a prediction: heave about the mean level, m; roll and pitch, rad.
+/// Standard deviations at each stage of a prediction: heave about the mean level, m; roll and pitch, rad.
 pub type StageDeviations = Vec<[f64; 3]>;
 
-/// The vessel's output and the truth, from the end of the warm-up.
 #[derive(Clone, Debug)]
 pub struct EstimatorRun {
-    /// Truth at every tick since the start of the world.
     pub truth: Vec<VesselTruth>,
     /// Estimates with their ticks.
     pub estimates: Vec<(usize, VesselEstimate<VesselClock>)>,
     /// Predictions with the (fractional) tick of their first stage.
     pub predictions: Vec<(f64, VesselPrediction<VesselClock>)>,
-    /// For each prediction: the filter's mean water level (positive down, m), and the stages' deviations.
+    /// For each prediction: the filter's mean water level (positive down, m), and the deviations of the stages.
     pub levels: Vec<(f64, StageDeviations)>,
     pub confidence: f32,
 }
 
-/// Runs vessel, sensors and node for the warm-up and `span_s` more.
+/// Runs vessel, sensors and node for the warm-up and a further `span_s`.
 pub fn run(
     scenario: &Scenario,
     node: &VesselNodeConfig,
@@ -57,7 +55,7 @@ pub fn run(
         ticks(scenario.start.warm_up_s),
         ticks(scenario.start.warm_up_s + span_s),
     );
-    // The last predictions need a truth.
+    // The truth continues to the end of the last predictions.
     for k in 0..last + 300 {
         let (now, state) = (physics.vessel_now(), physics.vessel());
         let readings = physics.vessel_readings();
@@ -88,7 +86,7 @@ pub fn run(
     Ok(out)
 }
 
-/// `a - b`, with wrapped angles.
+/// `a - b`; differences of angles are wrapped.
 pub fn difference(dof: usize, a: f64, b: f64) -> f64 {
     if dof < 3 { a - b } else { wrap_angle(a - b) }
 }
@@ -101,7 +99,7 @@ fn rms(squares: &[f64]) -> f64 {
 pub struct StateErrors {
     /// RMSE per axis of position (m), attitude (rad), velocity (m/s), rates (rad/s).
     pub per_axis: [f64; 4],
-    /// Mean NEES of each degree of freedom's (eta, eta_dot); 2 for a consistent covariance.
+    /// Mean NEES of (eta, eta_dot) for each degree of freedom; 2 for a consistent covariance.
     pub nees: [f64; 6],
 }
 
@@ -127,14 +125,14 @@ pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
     }
 }
 
-/// RMSE of a degree of freedom at a horizon.
+/// RMSE of a degree of freedom at one horizon.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PredictionError {
     /// Error of the broadcast prediction.
     pub model: f64,
-    /// The last state is held.
+    /// Error if the last state is held constant.
     pub hold: f64,
-    /// The last velocity is held.
+    /// Error if the last velocity is held constant.
     pub velocity: f64,
 }
 

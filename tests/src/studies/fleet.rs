@@ -1,6 +1,6 @@
-//! Drones above one deck, with random orders, aborts and radio outages. The crew closes and opens the deck;
-//! some drones stay on it, others are removed. Prohibited: two drones below the waiting height, a descent to
-//! an occupied or closed deck, a collision.
+//! Several drones above one deck, with random orders, aborts and radio outages. The crew closes and opens the
+//! deck; some drones stay on it, others are removed. Forbidden are two drones below the waiting height, a
+//! descent to an occupied or closed deck, and a collision.
 
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
@@ -14,15 +14,15 @@ use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
 const FLOWN_S: f64 = 180.0;
-/// Distance below the approach height at which a drone is below the waiting height, m: more than a waiting
-/// drone's heave and GNSS height errors.
+/// Distance below the approach height at which a drone counts as below the waiting height, m: more than a
+/// waiting drone's heave and GNSS height errors.
 const BELOW_M: f64 = 5.0;
-/// Distance from the deck's centre within which a drone with motors off is on the deck, m.
+/// Distance from the deck's centre within which a drone with its motors off counts as on the deck, m.
 const ON_DECK_M: f64 = 3.0;
-/// Time within which drones know that the deck is closed, or lack a fresh grant, s.
+/// Time after which drones know that the deck is closed, or have no fresh grant, s.
 const KNOWN_AFTER_S: f64 = 2.5;
 
-/// Time within which the vessel has a report after a radio outage, s.
+/// Time within which the vessel receives a report after a radio outage, s.
 const REPORTED_AFTER_S: f64 = 1.5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -31,16 +31,15 @@ pub struct FleetReport {
     pub descents: u32,
     pub stops: u32,
     pub outages: u32,
-    /// Closures of the deck by the crew.
     pub closures: u32,
-    /// Number of times that a second drone came below the waiting height.
+    /// Number of times that a second drone descended below the waiting height.
     pub two_below: u32,
-    /// Ticks of descents to a deck with another drone on it.
+    /// Number of ticks in which a drone descended to a deck with another drone on it.
     pub on_occupied: u32,
     pub on_closed: u32,
     pub collisions: u32,
     pub in_water: u32,
-    /// Minimum distance of two airborne drones, m.
+    /// Minimum distance between two airborne drones, m.
     pub nearest_m: f64,
 }
 
@@ -53,12 +52,12 @@ impl FleetReport {
 #[derive(Clone, Copy, Debug, Default)]
 struct Watched {
     state: State,
-    /// The mission has reached its altitude since it appeared.
+    /// The mission has reached its altitude since the drone appeared.
     risen: bool,
     below: bool,
     on_deck: bool,
     in_water: bool,
-    /// Time of its removal by the crew, s.
+    /// Time at which the crew removed the drone, s.
     taken_at: Option<f64>,
     /// End of the radio outage, s.
     silent_until: f64,
@@ -110,8 +109,8 @@ impl Flight {
         }
     }
 
-    /// Crew: opens the deck, and removes a landed drone. Before it opens the deck, it checks for silent
-    /// drones.
+    /// Crew's actions: opens the deck, and removes a landed drone. Before opening the deck, the crew checks
+    /// for silent drones.
     fn attend(&mut self, t: f64) {
         let silent = |d: &Watched| (d.on_deck || d.below) && t < d.silent_until + REPORTED_AFTER_S;
         let found = self.drones.iter().any(silent);
@@ -161,7 +160,7 @@ impl Flight {
         }
         let below = self.drones.iter().filter(|d| d.below).count();
         self.report.two_below += u32::from(below > 1 && below > had_below);
-        // A drone on the deck may not know that it has landed.
+        // A drone on the deck may not have detected its landing.
         let descends = |d: &Watched| !d.on_deck && matches!(d.state, State::Descent | State::Flare);
         let stands = self.drones.iter().any(|d| d.on_deck);
         self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));
@@ -181,7 +180,7 @@ impl Flight {
     }
 }
 
-/// The seed draws the sea, the vessel's speed and all events.
+/// The seed determines the sea, the vessel's speed and all events.
 pub fn fly(
     scenario: &Scenario,
     nodes: &NodeConfigs,

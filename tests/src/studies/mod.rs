@@ -1,4 +1,4 @@
-//! Measurements over many seeds, other than landings.
+//! Measurements over many seeds, other than landing trials.
 
 pub mod aborts;
 pub mod estimator;

@@ -1,4 +1,4 @@
-//! Comparison of planners by paired differences on the same seeds, which cancel the effect of the sea.
+//! Comparison of planners by paired differences on the same seeds, which cancel out the effect of the sea.
 
 use std::collections::BTreeMap;
 
@@ -28,11 +28,11 @@ pub struct Difference {
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Rates {
-    /// First and other planner.
+    /// Number of successes of the first and the other planner.
     pub successes: [usize; 2],
     /// Wilson's 95 % interval of each rate.
     pub wilson: [[f64; 2]; 2],
-    /// Seeds on which only the first planner succeeds, and only the other.
+    /// Number of seeds on which only the first planner succeeds, and only the other.
     pub only: [usize; 2],
     /// `other - first`.
     pub difference: f64,
@@ -42,7 +42,7 @@ pub struct Rates {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// None: all scenarios.
+    /// Scenario of the comparison; None: all scenarios.
     pub scenario: Option<String>,
     pub first: String,
     pub other: String,
@@ -53,7 +53,7 @@ pub struct Comparison {
 
 type Pair<'a> = (&'a Outcome, &'a Outcome);
 
-/// Outcomes that exist for both planners, by scenario and seed.
+/// Outcomes that exist for both planners, matched by scenario and seed.
 pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
     let flown_by = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
         outcomes
@@ -69,7 +69,7 @@ pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, o
         .collect()
 }
 
-/// `scenario`: None for all. None without a common seed.
+/// `scenario` is None for all scenarios. Returns None if no seed is common.
 pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
     let pairs = pairs(outcomes, scenario, first, other);
     let n = pairs.len();
@@ -134,7 +134,7 @@ mod tests {
         for seed in 0..40 {
             let sea = 0.1 * (seed % 7) as f64;
             all.push(flown("a", "x", seed, Some(sea), true));
-            // Outcomes in another order, with one seed more than the first planner's.
+            // Outcomes in a different order, with one seed more than the first planner has.
             all.insert(0, flown("b", "x", seed, Some(sea + 0.05), seed % 4 != 0));
         }
         all.push(flown("b", "x", 99, Some(9.0), false));

@@ -1,8 +1,8 @@
-//! The vessel's broadcast prediction against the truth, 1 s ahead.
+//! The vessel's broadcast prediction compared with the truth, 1 s ahead.
 //!
-//! *Heave* (Fossen 2011) is the height relative to the mean water level. Height in the vessel's NED adds the
-//! receiver's slow bias, which changes by 0.08 m in a second under 0.3 m of white noise at 10 Hz: no filter
-//! estimates it better than to 0.09 m. The drone measures it by vision.
+//! *Heave* (Fossen 2011) is the height relative to the mean water level. Height in the vessel's NED also
+//! contains the receiver's slow bias, which changes by 0.08 m per second, under 0.3 m of white noise at 10
+//! Hz: no filter can estimate it to better than 0.09 m. The drone measures this bias by vision.
 
 use alight_shared::msg::VesselPrediction;
 use alight_shared::time::VesselClock;
@@ -19,9 +19,9 @@ const CHI2_95: [f64; 3] = [3.841, 5.991, 7.815];
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
     count: u64,
-    /// Sum for errors (for their norm, with several components).
+    /// Sum of squared errors; with several components, of their norm.
     squares: f64,
-    /// Normalised squared errors per component; `count` for a consistent covariance.
+    /// Sum of the normalised squared errors per component; equals `count` for a consistent covariance.
     normalised: f64,
     /// Number of predictions whose 95 % ellipse contains the truth.
     inside: u64,
@@ -63,11 +63,11 @@ impl Tally {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Scores {
-    /// Reference point relative to the mean water level, m.
+    /// Heave of the reference point relative to the mean water level, m.
     pub heave: Tally,
     /// Roll and pitch, rad.
     pub tilt: Tally,
-    /// Heave, roll and pitch: the deck's ellipsoid in waves; its RMSE has no meaning.
+    /// Heave, roll and pitch as one ellipsoid, for the deck in waves; its RMSE has no meaning.
     pub deck: Tally,
 }
 
@@ -82,7 +82,7 @@ impl Scores {
     }
 }
 
-/// `span_s`: after the warm-up.
+/// `span_s` is the time after the warm-up.
 pub fn vessel(
     scenario: &Scenario,
     node: &VesselNodeConfig,
@@ -103,7 +103,7 @@ pub fn vessel(
     Ok(scores)
 }
 
-/// Predicted minus true heave (m), roll, pitch (rad).
+/// Predicted minus true heave (m), roll and pitch (rad).
 fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
     let tick = start + AHEAD_S / TICK.secs();
     let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
@@ -116,7 +116,7 @@ fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, lev
     Some([heave, angle(3)?, angle(4)?])
 }
 
-/// Reported, of heave (m), roll, pitch (rad).
+/// Reported deviations of heave (m), roll and pitch (rad).
 fn deviations(p: &VesselPrediction<VesselClock>, sds: &StageDeviations) -> Option<[f64; 3]> {
     let x = AHEAD_S / f64::from(p.step_s);
     let (i, f) = (x.floor() as usize, x.fract());
@@ -132,7 +132,7 @@ mod tests {
     #[test]
     fn tally_by_dimension() {
         let mut t = Tally::default();
-        // 2.2 standard deviations: outside in one dimension, inside in two and three.
+        // 2.2 standard deviations are outside in one dimension, inside in two and three.
         t.add([2.2], [1.0]);
         assert_eq!((t.count, t.inside), (1, 0));
         t.add([2.2, 0.0], [1.0, 5.0]);

@@ -1,11 +1,11 @@
-//! Probability of a rare unsafe landing, by splitting on a landing's distance from a limit.
+//! Probability of a rare unsafe landing, by splitting on how close a landing comes to a limit.
 //!
 //! The quarter of a population that comes closest to a limit is kept. Each of these landings is moved several
-//! times: all its random numbers change, by much or little, and the new landing replaces it if it comes
-//! at least as close. After `k` levels, `P = p_1 p_2 ... p_k p_last` multiplies the kept fractions and the
-//! fraction of the last population beyond a limit (Kahn and Harris 1951; subset simulation, Au and Beck
-//! 2001). Every landing is flown from the start; no state is copied. Independent runs yield mean and
-//! interval. The estimate has an upward bias of the order of one over the population.
+//! times: all its random numbers change by a large or small amount, and the new landing replaces the old one
+//! if it comes at least as close. After `k` levels, `P = p_1 p_2 ... p_k p_last` is the product of the kept
+//! fractions and the fraction of the last population beyond a limit (Kahn and Harris 1951; subset simulation,
+//! Au and Beck 2001). Every landing is flown from the start; no state is copied. Independent runs yield a
+//! mean and an interval. The estimate has an upward bias of the order of one over the population.
 
 use rand::RngExt;
 use rayon::prelude::*;
@@ -20,10 +20,10 @@ use crate::physics::streams::{MOVES, Stream, Streams};
 use crate::studies::statistics::{at_most_95, student_95};
 
 const KEPT: f64 = 0.25;
-/// Each level is a move; reaches a probability of 1e-6.
+/// Maximum number of levels, each of which is a move; reaches a probability of 1e-6.
 const MAX_LEVELS: usize = MOVES;
-/// Maximum exponent of the power of two by which a move is smaller than a number's range. Drawn, because the
-/// step that suits landings near their limit is not known in advance.
+/// Maximum of the exponent whose power of two is the ratio of a number's range to the move. The exponent is
+/// drawn because the move that suits landings near their limit is not known in advance.
 const SMALLEST: u32 = 9;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -31,29 +31,28 @@ const SMALLEST: u32 = 9;
 pub enum End {
     /// A quarter of the last population exceeded a limit.
     Limit,
-    /// No landing of the last population was closer than the others; for instance, all were aborted.
+    /// No landing of the last population came closer than the others; for instance, all were aborted.
     Plateau,
-    /// Ten levels were not enough.
+    /// The maximum number of levels was not enough.
     Levels,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingRun {
     pub probability: f64,
-    /// Product of the kept fractions: probability of the set from which the last population is drawn.
+    /// Product of the kept fractions, i.e. probability of the set from which the last population is drawn.
     pub reached: f64,
     pub beyond: usize,
     pub end: End,
-    /// Required limit ratios; 1 is the limit.
+    /// Limit ratio required at each level; 1 is the limit.
     pub levels: Vec<f64>,
     pub landings: usize,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SplittingEstimate {
-    /// Mean over the runs.
     pub probability: f64,
-    /// Student's 95 % interval over the runs; from 0 with one run. Its upper end is at least the bound by the
+    /// Student's 95 % interval over the runs; starts at 0 with one run. Its upper end is at least the bound from the
     /// last populations alone (Clopper and Pearson 1934). Coverage is lower with few runs of a rare event.
     pub interval: [f64; 2],
     pub landings: usize,
@@ -80,7 +79,7 @@ impl SplittingEstimate {
     }
 }
 
-/// Random streams, and their landing's limit ratio.
+/// Random streams, and the limit ratio of their landing.
 type Particle = (Streams, f64);
 
 /// `near` flies a landing and returns its limit ratio.
@@ -135,7 +134,8 @@ pub fn split<E: Send>(
     }
 }
 
-/// Limit ratio of the closest quarter; the next larger one if all landings reach it; None if all are equal.
+/// Limit ratio that the closest quarter reaches. If all landings reach it, the next larger ratio; None if all
+/// are equal.
 fn next_level(particles: &[Particle]) -> Option<f64> {
     let mut near: Vec<f64> = particles.iter().map(|(_, n)| *n).collect();
     near.sort_by(|a, b| b.total_cmp(a));
@@ -151,7 +151,6 @@ fn moved(streams: &Streams, draw: &mut Stream) -> Streams {
     streams.moved(draw.random(), draw.random_range(0..=SMALLEST))
 }
 
-/// Flies a landing, and returns its [`Outcome::limit_ratio`].
 pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Result<f64, SetupError> {
     let watch = Watch {
         on_event: &mut |_| {},
@@ -167,7 +166,7 @@ pub fn land(scenario: &Scenario, nodes: &NodeConfigs, streams: &Streams) -> Resu
 mod tests {
     use super::*;
 
-    /// The limit ratio is the maximum of three uniform numbers, and exceeds `limit` with the probability `1 -
+    /// The limit ratio is the maximum of three uniform numbers and exceeds `limit` with the probability `1 -
     /// limit^3`; a fraction `broken_off` has no contact.
     fn near(limit: f64, broken_off: f64) -> impl Fn(&Streams) -> Result<f64, ()> {
         move |streams| {
@@ -192,7 +191,7 @@ mod tests {
             let (truth, [low, high]) = (rarity * (1.0 - broken_off), estimate.interval);
             assert!(low < truth && truth < high, "{rarity}: {estimate:?}");
             assert!(high < 3.0 * truth, "{rarity}: {estimate:?}");
-            // Direct simulation of a probability of 1e-3 needs some 10 000 landings.
+            // Direct simulation of a probability of 1e-3 would need about 10 000 landings.
             assert!(estimate.landings < 16_000, "{}", estimate.landings);
             assert!(estimate.runs.iter().all(|r| r.end == End::Limit), "{estimate:?}");
         }
@@ -212,7 +211,7 @@ mod tests {
         );
         assert_eq!(SplittingEstimate::of(Vec::new(), 20), None);
         assert_eq!(SplittingEstimate::of(vec![always], 20).unwrap().interval[1], 1.0);
-        // Forty landings without an event leave a bound of 7 %.
+        // Forty landings without an event give an upper bound of 7 %.
         let estimate = SplittingEstimate::of(vec![never.clone(), never], 20).unwrap();
         assert!((estimate.interval[1] - 0.0722).abs() < 1e-3, "{estimate:?}");
     }

@@ -1,5 +1,3 @@
-//! Metrics over many trials, with intervals.
-
 use alight_shared::estimation::quantile;
 use serde::Serialize;
 
@@ -14,7 +12,7 @@ pub struct SampleStatistics {
 }
 
 impl SampleStatistics {
-    /// None without values. Percentile and maximum apply to signed values as they are; `sd` is their spread.
+    /// None without values. Percentile and maximum use the signed values; `sd` is the spread of these values.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
         let mut v: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
         let p95 = quantile(&mut v, 0.95)?;
@@ -43,21 +41,21 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
 }
 
 /// Number of successes without a failure for which the lower end of [`wilson`] reaches `rate`: `n / (n + z^2)
-/// >= rate`. Stays below 40 000, since a rate of 1 cannot be shown.
+/// >= rate`. It is below 40 000, because a rate of 1 cannot be shown.
 pub fn successes_to_show(rate: f64) -> usize {
     let z2 = 1.959_964_f64.powi(2);
     let n = (z2 * rate / (1.0 - rate).max(1e-4)).ceil();
     n.max(1.0) as usize
 }
 
-/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): largest `p` with `P(X <=
-/// events) >= 0.05`, X binomial of `trials` and `p`. Coverage is at least 95 % at any rate.
+/// Upper end of the one-sided 95 % interval of a rate (Clopper and Pearson 1934): the largest `p` with `P(X
+/// <= events) >= 0.05`, X binomial with `trials` and `p`. Coverage is at least 95 % at any rate.
 pub fn at_most_95(events: usize, trials: usize) -> f64 {
     if events >= trials {
         return 1.0;
     }
     let n = trials as f64;
-    // In logarithms, each term from the one before: (1 - p)^n alone underflows f64.
+    // Computed in logarithms, each term from the previous one, because (1 - p)^n alone underflows f64.
     let tail = |p: f64| {
         let (mut log_term, odds) = (n * (-p).ln_1p(), (p / (1.0 - p)).ln());
         let mut sum = log_term.exp();
@@ -79,22 +77,21 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     high
 }
 
-/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None
-/// without.
+/// Student's two-sided 95 % interval of the mean of independent values; unbounded for one value, None without values.
 pub fn student_95(values: &[f64]) -> Option<[f64; 2]> {
-    // By degrees of freedom, from 1.
+    // Quantiles by degrees of freedom, from 1.
     const STUDENT: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];
     let SampleStatistics { mean, sd, .. } = SampleStatistics::of(values.iter().copied())?;
     let half = match values.len() {
         1 => f64::INFINITY,
-        // More degrees of freedom have a smaller quantile.
+        // With more degrees of freedom the quantile is smaller.
         count => STUDENT.get(count - 2).copied().unwrap_or(2.262) * sd / (count as f64).sqrt(),
     };
     Some([mean - half, mean + half])
 }
 
-/// Percentile bootstrap (Efron 1979) of the mean: 95 % interval from 1000 resamples of a fixed stream, for
-/// reproducible reports; None without values.
+/// Percentile bootstrap (Efron 1979) of the mean: 95 % interval from 1000 resamples with a fixed stream, so
+/// that reports are reproducible. None without values.
 pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
     use rand_chacha::rand_core::Rng;
     const RESAMPLES: usize = 1000;
@@ -115,7 +112,7 @@ pub fn bootstrap_mean(values: &[f64]) -> Option<[f64; 2]> {
 
 pub type OutcomeMetric = (&'static str, fn(&Outcome) -> Option<f64>);
 
-/// Name as in the outcome, and source.
+/// Metrics, named as in the outcome, and their sources.
 pub const METRICS: &[OutcomeMetric] = &[
     ("position_error_m", |o| o.position_error_m),
     ("rest_position_error_m", |o| o.rest_position_error_m),
@@ -138,14 +135,14 @@ pub const METRICS: &[OutcomeMetric] = &[
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct FailureCount {
     pub outcome: &'static str,
-    /// Reason, with `N` for each number.
+    /// Reason in which each number is replaced by `N`.
     pub reason: String,
     pub count: u32,
     /// Seed of the first trial.
     pub seed: u64,
 }
 
-/// Counts failures by ending and reason, most frequent first.
+/// Number of failures by ending and reason, most frequent first.
 fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
     let mut counts: Vec<FailureCount> = Vec::new();
     for (ending, reason, seed) in failures {
@@ -167,7 +164,6 @@ fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) ->
     counts
 }
 
-/// Replaces each number and its sign by `N`.
 fn without_numbers(text: &str) -> String {
     let is_figure = |part: &str| {
         let digits = part.trim_start_matches(['-', '+']);
@@ -185,29 +181,30 @@ fn without_numbers(text: &str) -> String {
     out.join(" ")
 }
 
-/// Metrics cover trials that touched the deck.
+/// Summary of trials; its metrics cover trials that touched the deck.
 #[derive(Clone, Debug)]
 pub struct Summary {
     pub trials: usize,
     pub successes: usize,
-    /// Begun descents, and those that ended badly: neither at rest on the deck nor aborted without contact.
+    /// Number of descents begun, and number of those that ended badly: neither at rest on the deck nor
+    /// aborted without contact.
     pub descents: [u32; 2],
-    /// Neither a success nor [`Outcome::is_rejected`].
+    /// Number of trials that are neither a success nor [`Outcome::is_rejected`].
     pub unsafe_trials: usize,
     pub unsafe_contacts: u32,
     pub water_contacts: u32,
-    /// Entries into keep-out volumes; None without volumes.
+    /// Number of entries into keep-out volumes; None without volumes.
     pub keep_out_collisions: Option<u32>,
     pub contacts_above_2_mps: u32,
     pub failures: Vec<FailureCount>,
-    /// Endings of last descents, by predicted probability of success.
+    /// Endings of last descents, binned by predicted probability of success.
     pub likelihood: Vec<OddsBin>,
-    /// Unsafe contacts of last descents, by predicted probability.
+    /// Unsafe contacts of last descents, binned by predicted probability.
     pub harm: Vec<OddsBin>,
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
-/// Bin bounds of success probability, and of unsafe-contact probability.
+/// Bin bounds for the probability of success, and for that of an unsafe contact.
 const LIKELIHOODS: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.95, 0.99, 1.0];
 const HARMS: [f64; 7] = [0.0, 0.001, 0.003, 0.01, 0.03, 0.1, 1.0];
 
@@ -222,10 +219,10 @@ pub struct OddsBin {
     pub interval: (f64, f64),
 }
 
-/// Distance from the deck's centre of a drone that has left the deck, m: half the default deck's diagonal.
+/// Distance from the deck's centre above which a drone has left the deck, m: half the default deck's diagonal.
 const LEFT_M: f64 = 1.5;
 
-/// `all`: predicted probability, and whether the event occurred.
+/// `all` has each predicted probability, and whether the event occurred.
 fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     let bins = bounds.windows(2).filter_map(|b| {
         let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
@@ -242,7 +239,7 @@ fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     });
     bins.collect()
 }
-/// The last descent ended at rest on the deck, and the drone stayed there while observed.
+/// Whether the last descent ended at rest on the deck, and the drone stayed there while observed.
 fn has_landed(o: &Outcome) -> bool {
     o.success && o.stay_position_error_m.is_none_or(|m| m < LEFT_M)
 }
@@ -301,7 +298,7 @@ mod tests {
 
     #[test]
     fn wilson_interval_of_published_values() {
-        // 95 of 100: 0.8883 to 0.9785 (Newcombe 1998, table I method 3 style check).
+        // 95 of 100 give 0.8883 to 0.9785 (Newcombe 1998, table I, method 3).
         let (lo, hi) = wilson(95, 100);
         assert!(
             (lo - 0.8882).abs() < 5e-4 && (hi - 0.9785).abs() < 5e-4,
@@ -312,13 +309,13 @@ mod tests {
 
     #[test]
     fn upper_bound_of_published_values() {
-        // Without an event: 1 - 0.05^(1/n), about 3/n (Hanley and Lippman-Hand 1983).
+        // Without an event the bound is 1 - 0.05^(1/n), about 3/n (Hanley and Lippman-Hand 1983).
         for n in [1, 5, 35, 100, 3000] {
             let exact = 1.0 - 0.05_f64.powf(1.0 / n as f64);
             assert!((at_most_95(0, n) - exact).abs() < 1e-9, "{n}");
         }
-        // Upper end of the two-sided 90 % interval: 1 of 10 is 0.3942, 5 of 10 is 0.7776 (tables of Clopper and
-        // Pearson).
+        // Upper end of the two-sided 90 % interval: 0.3942 for 1 of 10, 0.7776 for 5 of 10 (tables of Clopper
+        // and Pearson).
         for (k, n, p) in [(1, 10, 0.3942), (5, 10, 0.7776), (10, 10, 1.0), (0, 0, 1.0)] {
             assert!(
                 (at_most_95(k, n) - p).abs() < 1e-4,
@@ -326,13 +323,13 @@ mod tests {
                 at_most_95(k, n)
             );
         }
-        // Far beyond the range of (1 - p)^n: close to the normal approximation.
+        // Far outside the range of (1 - p)^n; must be close to the normal approximation.
         assert!((at_most_95(20_000, 40_000) - (0.5 + 1.645 * 0.5 / 200.0)).abs() < 1e-4);
     }
 
     #[test]
     fn student_interval_of_four_values() {
-        // Mean 2.5, standard deviation 1.2910, 3.182 of its half.
+        // Mean 2.5, standard deviation 1.2910; 3.182 times half of it.
         let [low, high] = student_95(&[1.0, 2.0, 3.0, 4.0]).unwrap();
         assert!(
             (low - 0.446).abs() < 1e-3 && (high - 4.554).abs() < 1e-3,
@@ -358,7 +355,7 @@ mod tests {
     fn bootstrap_interval_against_the_normal_one() {
         let values: Vec<f64> = (0..200).map(|k| f64::from(k % 20)).collect();
         let [lo, hi] = bootstrap_mean(&values).unwrap();
-        // sd 5.77, so 1.96 sd / sqrt(200) = 0.80 about the mean of 9.5.
+        // The sd is 5.77, so the interval is the mean of 9.5 ± 1.96 sd / sqrt(200) = 0.80.
         assert!((lo - 8.7).abs() < 0.15 && (hi - 10.3).abs() < 0.15, "{lo} {hi}");
     }
 

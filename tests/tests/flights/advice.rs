@@ -1,4 +1,4 @@
-//! Course advice to the helm against the deck's motion.
+//! Advice to the helm on courses with less deck motion.
 
 use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
 use alight_shared::msg::SLOPE_STEP;
@@ -10,10 +10,10 @@ use alight_sim::physics::vessel::response::HULLS;
 use alight_usv::{CourseOutlook, VesselNode};
 use nalgebra::Vector3;
 
-/// Waves run towards 0 deg.
+/// Headings flown, deg; the waves travel towards 0 deg.
 const FLOWN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 
-/// A hull on a straight course, in a sea whose waves run north.
+/// Hull on a straight course, in a sea whose waves travel north.
 fn under_way(hull: &str, sea: &str, speed_mps: f64) -> (Scenario, NodeConfigs) {
     let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
     scenario.sea = sea.parse().unwrap();
@@ -30,7 +30,6 @@ fn on_heading(scenario: &Scenario, heading_deg: f64) -> Scenario {
     scenario
 }
 
-/// The vessel's node after `seconds` on a heading.
 fn node_after(
     scenario: &Scenario,
     nodes: &NodeConfigs,
@@ -48,8 +47,8 @@ fn node_after(
     node
 }
 
-/// Deck motion on a heading in three minutes: standard deviations of tilt (rad) and vertical speed (m/s), and
-/// root mean square of the maximum apparent slopes of two seconds each.
+/// Deck motion on one heading in three minutes: standard deviations of tilt (rad) and vertical speed (m/s),
+/// and root mean square of the maximum apparent slopes in intervals of two seconds.
 fn deck_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> [f64; 3] {
     let mut physics = Physics::new(&on_heading(scenario, heading_deg), seed).unwrap();
     let mut slope = ApparentSlope::default();
@@ -84,7 +83,7 @@ fn deck_on(scenario: &Scenario, heading_deg: f64, seed: u64) -> [f64; 3] {
     ]
 }
 
-/// Outlook at the present speed for the nearest heading.
+/// Outlook at the current speed for the nearest heading.
 fn outlook_on(node: &VesselNode, heading_deg: f64) -> CourseOutlook {
     let all = node.advisor().outlooks();
     let off = |c: &CourseOutlook| 1.0 - (c.heading_rad - heading_deg.to_radians()).cos();

@@ -11,7 +11,7 @@ use alight_sim::sensors::beacon::BeaconConfig;
 
 use crate::{at_sea, judged};
 
-/// A silent vessel 300 m away, whose beacon has an error of 5 m and a rate of 1 Hz.
+/// Silent vessel 300 m away, whose beacon has an error of 5 m and a rate of 1 Hz.
 fn scenario() -> Scenario {
     let mut scenario = at_sea("0.5,5");
     scenario.radio.loss = 1.0;
@@ -68,7 +68,7 @@ fn deck_found_by_its_beacon() {
     assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
 }
 
-/// The deck is 30 m to the side of its beacon: it is not found, and the search ends.
+/// The deck is 30 m to the side of its beacon. It is not found, and the search ends.
 #[test]
 fn deck_that_is_not_at_its_beacon() {
     let mut scenario = scenario();
@@ -88,8 +88,8 @@ fn deck_that_is_not_at_its_beacon() {
     assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
 }
 
-/// A vessel 150 m away without ultraviolet markers, received until the drone is on its way, then never again.
-/// The drone flies to its predicted position and searches for the tags.
+/// A vessel 150 m away without ultraviolet markers, received until the drone is on its way, and then never
+/// again. The drone flies to the predicted position and searches for the tags.
 #[test]
 fn radio_lost_for_good_on_the_way() {
     let (mut scenario, mut nodes) = (Scenario::default(), nodes());

@@ -1,4 +1,4 @@
-//! Calibrations of simulated vehicles, whose true parameters only this test knows.
+//! Calibrations of simulated vehicles, whose true parameters are known only to this test.
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::step::Step;
@@ -46,7 +46,7 @@ fn scene() -> Scenario {
     s
 }
 
-/// Lands and stays for `seconds`. Returns the calibration, and the truth: deck centre in the vessel's body
+/// Lands and stays for `seconds`. Returns the calibration and the truth: deck centre in the vessel's body
 /// frame, and drone position on the deck.
 fn press(
     scenario: &Scenario,
@@ -132,7 +132,6 @@ impl WorldObserver for Recorder {
     }
 }
 
-/// Calibration from a recording of `seconds`.
 fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibrate::VesselCalibration {
     let mut scenario = scenario.clone();
     scenario.start.warm_up_s = seconds;
@@ -145,7 +144,7 @@ fn recorded(scenario: &Scenario, seed: u64, seconds: f64) -> alight_usv::calibra
     recorder.0.identify(&nodes.vessel)
 }
 
-/// Damping and stiffness per mass of small motions. The centre of gravity above the water couples the inertia
+/// Damping and stiffness per mass for small motions. A centre of gravity above the water couples the inertia
 /// of sway with roll and of surge with pitch, hence the diagonal of M's inverse.
 fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
     let inertia = Vector3::from(v.inertia_kgm2);
@@ -169,11 +168,11 @@ fn linear(v: &VesselConfig) -> [[f64; 2]; DOFS] {
 /// Pushes every degree of freedom three times on calm water.
 fn pushed(strength: f64) -> Scenario {
     let mut s = at_sea("0,5");
-    // A linear model has no drag quadratic in speed.
+    // A linear model has no drag that is quadratic in speed.
     s.vessel.quadratic_drag_ns2pm2 = [0.0; 2];
     s.vessel.quadratic_yaw_drag_nms2 = 0.0;
     let mut t = 20.0;
-    // A load of 3 s, a rest, a load of 1 s, a rest.
+    // A load for 3 s, a rest, a load for 1 s, a rest.
     for (dof, by, for_s, rest_s) in [
         (ROLL, 800.0, 3.0, 12.0),
         (PITCH, 1200.0, 3.0, 12.0),
@@ -214,7 +213,7 @@ fn vessel_calibration_from_impulses() {
                     "{} {what} {figure:?} truth {truth:.3}, {} impulses",
                     DOF_NAMES[dof], d.impulses
                 );
-                // The hull is nonlinear, which causes 5 % of the error.
+                // The nonlinearity of the hull causes 5 % of the error.
                 assert!(
                     off <= 3.0 * figure.sd + 0.05 * truth,
                     "{} {what} {figure:?} {truth}",

@@ -1,5 +1,5 @@
-//! Faults at each tenth of the last second before and the first second after contact: no contact is hard,
-//! motors stop soon, nothing takes off again.
+//! Faults at each tenth of the last second before and the first second after contact: no contact is hard, the
+//! motors stop soon, and the drone does not take off again.
 
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
@@ -12,15 +12,15 @@ use crate::{BOTH, at_sea};
 
 const LIMIT_S: f64 = 150.0;
 const STOPPED_S: f64 = 2.0;
-/// Time from the earliest fault to the first contact, s, and step between faults.
+/// Time from the earliest fault to the first contact, s, and step between the faults, s.
 const BEFORE_S: f64 = 1.0;
 const STEP_S: f64 = 0.1;
-/// Motors stop before this step.
+/// The motors stop before this step.
 const LAST_STEP: usize = 30;
 /// Maximum height of resting feet, m.
 const RESTS_M: f64 = 0.05;
-/// Climb from a rest on the deck that counts as a take-off, m, at that height above the deck. A deck that
-/// sinks away below a drone held by its autopilot does not count.
+/// Climb after a rest on the deck that counts as a take-off, m, and minimum height above the deck for it, m.
+/// A deck that sinks away below a drone held by its autopilot does not count.
 const TAKES_OFF_M: f64 = 0.4;
 
 #[derive(Debug, Default)]
@@ -29,7 +29,7 @@ struct Flown {
     hardest_mps: f64,
     /// Climb after a rest on the deck, m.
     rose_m: f64,
-    /// Start of the present rest, s.
+    /// Start of the current rest on the deck, s.
     rests_s: Option<f64>,
     /// Final stop of the motors, s.
     stopped_s: Option<f64>,
@@ -48,13 +48,12 @@ impl Flown {
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = at_sea("0.5,5");
-    // The test begins above the deck.
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
     scenario.drone.autopilot.firmware = firmware;
     scenario
 }
 
-/// One order; calls `fault` after every tick.
+/// Flies one landing order; `fault` is called after every tick.
 fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> Flown {
     let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
     let (mut flown, mut lowest) = (Flown::default(), None);
@@ -85,7 +84,7 @@ fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> F
 }
 
 #[test]
-#[ignore = "some 35 flights; CI runs them by name"]
+#[ignore = "about 35 flights; CI runs them by name"]
 fn link_killed_around_the_contact() {
     let mut wrong = Vec::new();
     for (odd, firmware) in BOTH.into_iter().enumerate() {
@@ -93,7 +92,7 @@ fn link_killed_around_the_contact() {
         for (seed, flown) in &undisturbed {
             assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
         }
-        // Two of each four steps: every autopilot flies both seas and both restarts.
+        // Two of every four steps, so that every autopilot flies both seas and both restarts.
         for k in (0..LAST_STEP).filter(|k| k.div_ceil(2) % 2 == odd) {
             let (seed, flown) = &undisturbed[k % 2];
             let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
@@ -125,7 +124,7 @@ fn link_killed_around_the_contact() {
 }
 
 /// The autopilot lands by itself on the published deck; only the disarm is commanded, if permitted. Returns
-/// flight, number of disarm commands, and their maximum height above the deck.
+/// the flight, the number of disarm commands, and their maximum height above the deck.
 fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
     let mut scenario = scenario(firmware);
     (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);

@@ -1,4 +1,4 @@
-//! Reservation of the deck: drones request it from the vessel's arbiter by radio before they descend.
+//! Reservation of the deck: drones request it from the vessel's arbiter over radio before they descend.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_sim::harness::rig::Rig;
@@ -8,20 +8,18 @@ use alight_usv::deck::DeckInputs;
 
 use crate::at_sea;
 
-/// Drones above one deck in a slight sea, all with an order to land.
 fn fleet(drones: u32, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut scenario = at_sea("slight");
     scenario.drones = drones;
     Rig::landing(&scenario, nodes, seed).unwrap()
 }
-/// Flies two drones until one descends; returns the descending and the waiting one.
+/// Flies two drones until one descends; returns the descending and the waiting drone.
 fn pair(seed: u64) -> (Rig, usize, usize) {
     let mut fleet = fleet(2, &NodeConfigs::default(), seed);
     fleet.until(120.0, |f| !f.using_the_deck().is_empty());
     let first = fleet.using_the_deck()[0];
     (fleet, first, 1 - first)
 }
-/// Drones must reserve the deck.
 fn reserving() -> NodeConfigs {
     let mut nodes = NodeConfigs::default();
     nodes.drone.mission.reservation_required = true;

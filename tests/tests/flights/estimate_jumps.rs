@@ -1,5 +1,5 @@
-//! Jumps of the autopilot's estimate: a late heading alignment, and resets of position and height in the
-//! descent, counted or not.
+//! Jumps of the autopilot's estimate: a late heading alignment, and resets of position and height during the
+//! descent, whether or not the autopilot counts them.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
@@ -16,7 +16,6 @@ fn scenario(firmware: Firmware) -> Scenario {
     scenario
 }
 
-/// The deck is detected, however late the heading is aligned.
 #[test]
 fn deck_detected_after_a_late_heading() {
     for firmware in BOTH {
@@ -29,7 +28,7 @@ fn deck_detected_after_a_late_heading() {
     }
 }
 
-/// Directions are unknown before: no odometry, no mode, no set-point.
+/// Directions are unknown before the alignment: no odometry, no mode, no set-point.
 #[test]
 fn nothing_flown_before_the_heading_is_aligned() {
     for firmware in BOTH {
@@ -57,7 +56,7 @@ fn nothing_flown_before_the_heading_is_aligned() {
     }
 }
 
-/// Ending of a landing with a position reset by `by` (m), a delay (s) after the entry of a state.
+/// Ending of a landing with a position reset by `by` (m), a delay (s) after entry to a state.
 fn landed(
     firmware: Firmware,
     seed: u64,
@@ -78,7 +77,7 @@ fn landed(
     outcome
 }
 
-/// Every seventh combination of reset and phase, with alternating autopilots.
+/// Flies every seventh combination of reset and phase, with alternating autopilots.
 #[test]
 fn position_resets_in_every_phase() {
     let phases = [

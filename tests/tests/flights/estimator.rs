@@ -1,5 +1,5 @@
-//! The vessel's estimator against the truth (simulated sea, vessel and sensors share no model with it), in
-//! the vessel's GNSS frame: truth plus the receiver's bias at that instant.
+//! The vessel's estimator compared with the truth (simulated sea, vessel and sensors share no model with it),
+//! in the vessel's GNSS frame: the truth plus the receiver's bias at that instant.
 
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::deck_motion::DeckMotionConfig;
@@ -37,8 +37,8 @@ fn estimate_and_prediction_accuracy() {
         assert!(r.estimates.len() > 1700, "30 Hz for 60 s");
         assert!(r.confidence > 0.5, "the sea is identified: {}", r.confidence);
     }
-    // Per axis; limits by Procházka 2024. The sensor limits position: a bias of 1 m with 300 s changes by
-    // 0.08 m per second, with 0.3 m of white noise at 10 Hz: sqrt(q r) = 0.088 m.
+    // Errors per axis, with the limits of Procházka 2024. The sensor limits the position: a bias of 1 m with a
+    // correlation time of 300 s changes by 0.08 m per second, with 0.3 m of white noise at 10 Hz: sqrt(q r) = 0.088 m.
     let errors = state_errors(&runs);
     let names = ["position", "attitude", "velocity", "rates"];
     for ((e, limit), name) in errors
@@ -52,7 +52,7 @@ fn estimate_and_prediction_accuracy() {
     for (d, mean) in errors.nees.iter().enumerate() {
         assert!((0.5..=4.0).contains(mean), "NEES of {d}: {mean} (ideal 2)");
     }
-    // Against constant state and constant velocity. Heave includes 0.09 m of slow receiver bias.
+    // Compared with constant state and constant velocity. Heave includes 0.09 m of slow receiver bias.
     for dof in [2, 3, 4] {
         for horizon in [0.5, 1.0, 2.0] {
             let e = prediction_error(&runs, dof, horizon);
@@ -66,8 +66,8 @@ fn estimate_and_prediction_accuracy() {
     }
 }
 
-/// Without sideways coupling, the hull leaves the water on the steepest waves and slams. Tilt harmonics once
-/// limited the identification to half a minute, too short to separate waves this close in frequency.
+/// Without sideways coupling, the hull leaves the water on the steepest waves and slams. Tilt harmonics must not limit
+/// the identification to half a minute, which is too short to separate waves this close in frequency.
 #[test]
 fn estimate_of_a_slamming_hull() {
     let mut scenario = at_sea("0.8,5");
@@ -78,14 +78,13 @@ fn estimate_of_a_slamming_hull() {
         assert!(r.confidence > 0.5, "seed {seed}: {}", r.confidence);
         runs.push(r);
     }
-    // 1.7 deg and 0.25 m/s while slamming was rejected and late fixes were rolled back through it.
+    // The errors were 1.7 deg and 0.25 m/s when slamming was rejected and late fixes were rolled back through it.
     let errors = state_errors(&runs).per_axis;
     assert!(errors[1].to_degrees() < 0.7, "attitude: {} rad", errors[1]);
     assert!(errors[2] < 0.09, "velocity: {} m/s", errors[2]);
 }
 
-/// Prediction over 1 s for a hull that does not follow the waves, in waves steeper than any sum of
-/// components.
+/// Prediction over 1 s for a hull that does not follow the waves, in waves steeper than any sum of components.
 #[test]
 fn prediction_in_steep_waves() {
     let mut scenario = at_sea("0.8,5");
@@ -95,9 +94,9 @@ fn prediction_in_steep_waves() {
         all = all.and(vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap());
     }
     let [heave, tilt] = [all.heave, all.tilt].map(|t| t.rmse());
-    // 0.070 rad with a sum of three waves, 0.055 rad with ridge regression.
+    // A sum of three waves gives 0.070 rad, ridge regression 0.055 rad.
     assert!(tilt < 0.04, "{tilt} rad");
-    // 0.33 m with a sum of three waves, 0.26 m with ridge regression: steep waves raise mean heave by 0.16 m.
+    // A sum of three waves gives 0.33 m, ridge regression 0.26 m: steep waves raise the mean heave by 0.16 m.
     assert!(heave < 0.26, "{heave} m");
 }
 
@@ -116,11 +115,11 @@ fn heave_prediction_at_1_s() {
 #[ignore = "a minute of runs; CI runs them by name"]
 fn prediction_covariance_at_1_s() {
     let mut wrong = Vec::new();
-    // Waves with a steadier phase than the filter's process noise, steep seas with unidentified harmonics,
-    // calm water.
+    // Waves with a steadier phase than the filter's process noise assumes, steep seas with unidentified
+    // harmonics, and calm water.
     for sea in ["0,0", "0.2,5", "0.4,5", "0.5,5", "0.7,7", "0.8,5", "0.8,8"] {
         let scenario = at_sea(sea);
-        // One vessel has one trim and one set of biases: a fraction needs many vessels.
+        // One vessel has one trim and one set of biases, so a fraction needs many vessels.
         let runs: Vec<_> = (100..124)
             .into_par_iter()
             .map(|seed| vessel(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
@@ -158,7 +157,7 @@ fn estimate_on_a_square_course_at_2_mps() {
 #[test]
 #[ignore = "needs ../shared/data/tank-platform.csv"]
 fn estimator_start_in_violent_motion() {
-    // A deck rocks at 0.7 Hz from the first sample on; every run must yield estimates in the end.
+    // A deck that rocks at 0.7 Hz from the first sample; every run must eventually yield estimates.
     let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     for seed in [404, 405, 406] {
         let scenario = Scenario {
@@ -180,8 +179,8 @@ fn estimator_start_in_violent_motion() {
     }
 }
 
-/// Real boats under way, whose heel changes with each turn. Compared with ridge regression on the same
-/// estimates: roll within a third, pitch within a half.
+/// Real boats under way, whose heel changes with each turn. The error may exceed that
+/// of ridge regression on the same estimates by a third in roll and by half in pitch.
 #[test]
 #[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_under_way() {

@@ -1,6 +1,6 @@
 //! The fault matrix: at every moment of a landing with one order, a process or the whole computer of the
-//! drone is killed or frozen, or its cable is silent, over both autopilots. `alight land --fault` draws these
-//! times live.
+//! drone is killed or frozen, or its cable is silent, with both autopilots. `alight land --fault` draws such
+//! times in live flights.
 
 use std::path::Path;
 
@@ -20,30 +20,31 @@ use rayon::prelude::*;
 
 use crate::BOTH;
 
-/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe, a
-/// restarted process collects evidence of the landing.
+/// Maximum time on the deck with the motors on, s: the autopilot denies disarming for 1 s, PX4 returns from
+/// its failsafe, and a restarted process collects evidence of the landing.
 const MOTORS_ON_S: f64 = 5.0;
-/// Time from the first disarm command until the autopilot accepts one, s; longer than from the stop to a
-/// fault.
+/// Time from the first disarm command until the autopilot accepts one, s; longer than the time from the stop
+/// to a fault.
 const DENIES_S: f64 = 1.0;
 const CABLE_OUT_S: f64 = 1.0;
-/// Maximum tilt beyond the command before contact, deg.
+/// Maximum tilt in excess of the command before contact, deg.
 const TILT_BEYOND_DEG: f64 = 10.0;
-/// Time constant of the remembered commanded tilt, s, as in the mission.
+/// Time constant with which the commanded tilt is remembered, s, as in the mission.
 const TILT_MEMORY_S: f64 = 0.5;
-/// Maximum distance from the deck's centre, m.
+/// Maximum distance from the deck's centre at rest, m.
 const REST_ERROR_M: f64 = 1.0;
-/// Minimum height above the deck, m.
+/// Minimum height above the deck at which a drone may hold in a final state, m.
 const HOLDS_M: f64 = 4.0;
-/// Flight time after the mission gave up, s, for a climb clear of the deck.
+/// Flight time after the mission gave up, s; long enough to climb clear of the deck.
 const CLIMB_S: f64 = 15.0;
-/// Maximum percentage of flights with a contact slightly above the limit: 1 of 118 here and on recorded decks, 1.006 of it by
-/// the second foot.
+/// Maximum percentage of flights with a contact slightly above the limit. Observed here and on recorded
+/// decks: 1 of 118, at 1.006 of the limit by the second foot.
 const HARD_PERCENT: usize = 3;
-/// Limit ratio up to which a contact is slightly above the limit.
+/// Limit ratio up to which a contact counts as slightly above the limit.
 const LITTLE_HARD: f64 = 1.05;
 
-/// The fault stops pilot, link or computer for longer than the autopilot waits for set-points: it holds.
+/// Whether the fault stops pilot, link or computer for longer than the autopilot waits for set-points, so
+/// that the autopilot holds.
 const fn is_uncommanded(fault: Option<Fault>) -> bool {
     matches!(
         fault,
@@ -54,11 +55,12 @@ const fn is_uncommanded(fault: Option<Fault>) -> bool {
     )
 }
 
-/// A mission restarted without its checkpoint does not know of the landing.
+/// Whether a mission restarted without its checkpoint does not know about the landing.
 fn forgets(fault: &Fault) -> bool {
     fault.kind == FaultKind::MissionKilled && fault.size > 0.0
 }
-/// The autopilot's hold may take off from a sinking deck; a drone that continues is not pressed back onto it.
+/// Whether the drone may take off: the autopilot's hold may lift it off a sinking deck, and a drone that
+/// continues is not pressed back onto the deck.
 fn may_take_off(fault: &Fault) -> bool {
     fault.kind == FaultKind::ComputerKilled && fault.moment == Moment::In(State::Landed)
 }
@@ -84,7 +86,7 @@ struct Flown {
     fault_s: [Option<f64>; 2],
     landed: bool,
     armed: bool,
-    /// Holds high over the deck in a final state.
+    /// The drone holds high above the deck in a final state.
     holds: bool,
     motors_on_deck_s: f64,
     tilt_beyond_deg: f64,
@@ -98,7 +100,7 @@ impl Case {
             ..Scenario::default()
         };
         let autopilot = &mut scenario.drone.autopilot;
-        // The longest permitted wait of its failsafe.
+        // Longest permitted delay of the autopilot's failsafe.
         (autopilot.firmware, autopilot.loss_after_s) = (self.firmware, 0.5);
         scenario
     }
@@ -186,9 +188,9 @@ impl Tilt {
 }
 
 impl Flown {
-    /// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing
-    /// touched the water, and every contact was soft. The autopilot's hold excuses a hard contact if pilot or
-    /// link was frozen.
+    /// Whether the drone rests on the deck and was disarmed in time, or is away from the deck without
+    /// contact. It must not have touched the water, and every contact must be soft. If pilot or link was
+    /// frozen, the autopilot's hold excuses a hard contact.
     fn is_safe(&self, fault: Option<Fault>) -> bool {
         let o = &self.outcome;
         let rests = o.rest_position_error_m.is_some_and(|e| e < REST_ERROR_M);
@@ -202,14 +204,15 @@ impl Flown {
             && (landed || away || holds)
             && self.tilt_beyond_deg <= TILT_BEYOND_DEG
     }
-    /// The only unsafe contact was slightly above the limit.
+    /// Whether the only unsafe contact was slightly above the limit.
     fn is_little_hard(&self) -> bool {
         let o = &self.outcome;
         o.outcome == Ending::Hard && o.unsafe_contacts == 1 && o.limit_ratio <= LITTLE_HARD
     }
 }
 
-/// No case is unsafe, tilts too far or ends before its fault; few contacts are slightly above the limit.
+/// Asserts that no case is unsafe, tilts too far or ends before its fault, and that few contacts are slightly
+/// above the limit.
 fn assert_all_safe(cases: &[Case]) {
     let flown: Vec<_> = cases.par_iter().map(|case| (case, case.fly())).collect();
     let landed = flown.iter().filter(|(_, f)| f.landed).count();
@@ -222,9 +225,9 @@ fn assert_all_safe(cases: &[Case]) {
     .map(|(c, f)| (c.seed, f.outcome.limit_ratio))
     .collect();
     let tilts = flown.iter().map(|(_, f)| f.tilt_beyond_deg);
-    // Shown by --nocapture.
+    // Visible with --nocapture.
     println!(
-        "{landed} of {} landed, a little hard: {hard:?}, tilt at most {:.2} deg beyond the command",
+        "{landed} of {} landed, slightly hard: {hard:?}, tilt at most {:.2} deg beyond the command",
         cases.len(),
         tilts.fold(0.0, f64::max)
     );
@@ -236,7 +239,7 @@ fn assert_all_safe(cases: &[Case]) {
     );
     assert!(
         100 * hard.len() <= HARD_PERCENT * cases.len(),
-        "a little hard: {hard:?}"
+        "slightly hard: {hard:?}"
     );
 }
 
@@ -258,7 +261,7 @@ const KINDS: [FaultKind; 8] = [
     FaultKind::LinkFrozen,
 ];
 
-/// Kills and freezes of predictor, mission, pilot and link, and silences of the cable, at each moment over
+/// Kills and freezes of predictor, mission, pilot and link, and silences of the cable, at each moment with
 /// both autopilots; kills of the computer, and of a mission without its checkpoint.
 #[test]
 fn faults_at_every_moment_over_both_autopilots() {

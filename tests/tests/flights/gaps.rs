@@ -1,4 +1,4 @@
-//! Interruptions while rotors turn: the drone continues, or reports what it does; orders take effect; no
+//! Interruptions while the rotors turn: the drone continues, or reports its actions; orders take effect; no
 //! drone is disarmed in the air or stays low over the deck. Storms draw other combinations.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
@@ -22,9 +22,9 @@ const ABEAM: Station = Station {
 
 #[derive(Clone, Copy, Debug)]
 struct Cell {
-    /// Start of the gap; [`State::Hold`]: on a station after a take-off.
+    /// State in which the gap starts; [`State::Hold`] is on a station after a take-off.
     when: State,
-    /// Delay after the state's entry, s.
+    /// Delay after entry to the state, s.
     after_s: f64,
     gone: FaultKind,
     gap_s: f64,
@@ -35,11 +35,11 @@ struct Cell {
 }
 
 const RESUME_S: f64 = 5.0;
-/// Time after an action of the autopilot alone for which contacts are excused, s.
+/// Time after an action by the autopilot alone during which contacts are excused, s.
 const EXCUSED_S: f64 = 1.5;
-/// Maximum time until an order has taken effect, s; a take-off climbs.
+/// Maximum time until an order has taken effect, s; long enough for the climb of a take-off.
 const ACTS_S: f64 = 35.0;
-/// Height of feet off the deck, m.
+/// Height of the feet above the deck that counts as airborne, m.
 const AIR_M: f64 = 0.25;
 
 impl Cell {
@@ -71,7 +71,7 @@ impl Cell {
         }
         rig
     }
-    /// Flies to the start of the gap; false if it is not reached.
+    /// Flies to the start of the gap; returns false if it is not reached.
     fn reach(&self, rig: &mut Rig) -> bool {
         let due = |rig: &mut Rig, state: State, after_s: f64| rig.until(90.0, |r| r.is_due(state, after_s));
         let spins = |rig: &mut Rig| rig.until(90.0, |r| r.state(0) == State::SpinUp && armed(r, 0));
@@ -99,11 +99,11 @@ impl Cell {
             state => due(rig, state, self.after_s),
         }
     }
-    /// Returns the first broken rule.
+    /// Flies the case; returns the first broken rule.
     fn fly(&self) -> Option<String> {
         let mut rig = self.rig();
         if !self.reach(&mut rig) {
-            return Some(format!("never came so far: {:?}", rig.visited(0)));
+            return Some(format!("never reached the gap: {:?}", rig.visited(0)));
         }
         let began_s = rig.t_s();
         rig.begin(self.gone, 0.0);
@@ -128,7 +128,7 @@ impl Cell {
         watch.bad.or_else(|| self.judge(&rig))
     }
 
-    /// Rule broken by the flight's end.
+    /// Rule broken at the end of the flight.
     fn judge(&self, rig: &Rig) -> Option<String> {
         let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
         let height_m = o.feet_height_m();
@@ -138,11 +138,11 @@ impl Cell {
         let bad = if stands {
             return None;
         } else if self.order.is_some() && !held {
-            "the order did not act"
+            "the order had no effect"
         } else if low && !matches!(state, State::Descent | State::Flare) {
-            "is left low over the deck"
+            "stays low over the deck"
         } else if state == State::StandDown || state == State::SpinUp {
-            "stands there armed"
+            "stands armed on the deck"
         } else {
             return None;
         };
@@ -161,7 +161,7 @@ struct Watched {
 }
 
 impl Watched {
-    /// `since_s`: after the end of the gap.
+    /// `since_s` is the time since the end of the gap.
     fn look(&mut self, cell: &Cell, rig: &Rig, since_s: f64) {
         let o = rig.world.observation();
         let stops = core::mem::replace(&mut self.turned, o.motors_on) && !o.motors_on;
@@ -180,13 +180,11 @@ impl Watched {
         } else if stops && height_m > AIR_M {
             Some(format!("stopped {height_m:.2} m above the deck"))
         } else if let Some(mps) = hit.filter(|_| !excused) {
-            Some(format!("met the deck at {mps:.2} m/s"))
+            Some(format!("hit the deck at {mps:.2} m/s"))
         } else if since_s > RESUME_S && o.motors_on && height_m > AIR_M && !in_offboard {
-            Some(format!(
-                "{height_m:.1} m above the deck, and follows no set-points"
-            ))
+            Some(format!("follows no set-points {height_m:.1} m above the deck"))
         } else if !restarted && rig.mission(0).entered.code == ReasonCode::Restarted {
-            Some("reports a restart that was none".to_owned())
+            Some("reports a restart that did not happen".to_owned())
         } else {
             None
         };
@@ -223,7 +221,8 @@ fn gaps_that_ended_badly_once() {
         (SpinUp, 2.8, LinkKilled, 1.0, copter, None, 84),
         (StandDown, 0.05, LinkFrozen, 1.0, px4, None, 85),
         (Hold, 1.0, PilotFrozen, 0.8, px4, hold, 86),
-        // A hover whose thrust counted as less than hover; a stop by a hover thrust learned on the deck.
+        // Cases: a hover whose thrust counted as less than hover thrust; a stop caused by a hover thrust
+        // learned on the deck.
         (SpinUp, 0.5, AutopilotSilent, 0.8, px4, abort, 913),
         (SpinUp, 0.5, ComputerKilled, 0.5, px4, abort, 910),
         // The autopilot alone lets the drone slide to the deck's edge.

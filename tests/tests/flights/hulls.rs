@@ -28,7 +28,7 @@ fn hull_as_an_installer_measured_it() {
     assert_eq!((scenario.deck.length_m, scenario.deck.width_m), (3.0, 3.0));
     assert_eq!(nodes.vessel.gnss.antenna_m, [2.0, 0.6, -5.2]);
     assert_eq!(nodes.vessel.imu.lever_arm_m, [0.5, 0.0, -0.9]);
-    // Writing and reading do not change a scenario with a hull.
+    // A scenario with a hull must not change when written and read.
     let text = toml::to_string(&scenario).unwrap();
     assert_eq!(
         alight_shared::config::parse::<Scenario>(&text, "test").unwrap(),
@@ -58,7 +58,7 @@ fn landing_on_every_hull() {
 #[test]
 fn landing_with_a_hardly_damped_attitude_loop() {
     let (mut scenario, nodes) = world("mono-5m", "jonswap:1.5,6");
-    // A fast attitude loop with slow rotors oscillates; PX4's mixer then reduces its torque at low thrust.
+    // A fast attitude loop with slow rotors oscillates; PX4's mixer then reduces the torque at low thrust.
     scenario.drone.autopilot.attitude_lag_s = Some(0.083);
     scenario.drone.airframe.rotor_lag_s = 0.05;
     let o = flown(&scenario, &nodes, 112);

@@ -1,4 +1,4 @@
-//! Another boat with the same tags alongside: the drone lands on its own deck, or waits and reports why.
+//! Another boat with the same tags is alongside: the drone lands on its own deck, or waits and reports why.
 
 use alight_shared::msg::ReasonCode;
 use alight_sim::harness::outcome::Outcome;
@@ -11,7 +11,7 @@ use crate::{at_sea, judged};
 fn with_neighbour(neighbour_m: f64) -> Scenario {
     let mut scenario = at_sea("0.5,5");
     scenario.neighbour_m = Some(neighbour_m);
-    // Markers on one boat would distinguish the two.
+    // Ultraviolet markers on one boat would distinguish the two.
     scenario.sensors.uvdar.outages_s = Windows(vec![[0.0, 1e9]]);
     scenario
 }
@@ -48,7 +48,7 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> F
     }
 }
 
-/// Number of landings on the own deck at this distance of the boats; none may descend to the other deck.
+/// Number of landings on the drone's own deck at this distance between the boats; none may descend to the other deck.
 fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
     let mut landed = 0;
     for seed in seeds {
@@ -73,7 +73,8 @@ fn landed(neighbour_m: f64, seeds: core::ops::Range<u64>) -> u32 {
 
 #[test]
 fn own_deck_near_another_with_its_tags() {
-    // Closer than both receivers' errors: the drone may wait for long, but never descends to the other deck.
+    // The distance is smaller than both receivers' errors: the drone may wait for long, but must never
+    // descend to the other deck.
     landed(3.0, 801..802);
     assert_eq!(landed(10.0, 802..803), 1);
 }

@@ -1,12 +1,12 @@
 //! An operator, or the end of the planner's process, interrupts a landing near a deck under way. The drone
-//! completes it or leaves with the deck; the deck must not pass beneath a drone at a fixed position.
+//! completes the landing or leaves with the deck; the deck must not pass beneath a drone at a fixed position.
 
 use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::studies::aborts::{Interruption, drive, fly};
 
 use crate::at_sea;
 
-/// Unsafe flights after an interruption at these heights (m) on these seeds.
+/// Unsafe flights after interruptions at these heights (m) with these seeds.
 fn unsafe_flights(
     interruption: Interruption,
     heights_m: &[f64],

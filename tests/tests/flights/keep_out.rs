@@ -1,5 +1,5 @@
 //! Keep-out volumes under way in a moderate sea: a mast forward of the deck and an A-frame abeam. Drones that
-//! receive them stay clear of both, approach in the sector, and leave along the escape direction.
+//! receive the volumes stay clear of both, approach within the sector, and leave along the escape direction.
 
 use alight_shared::surroundings::SurroundingsConfig;
 use alight_sim::harness::outcome::Outcome;
@@ -10,13 +10,12 @@ use alight_sim::studies::aborts::{Interruption, drive, fly};
 
 use crate::at_sea;
 
-/// Above the deck, the mast rises 8 m (1 m above the waiting height without it), the A-frame 3.5 m.
+/// The mast rises 8 m above the deck (1 m above the waiting height without it), the A-frame 3.5 m.
 const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
     [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
 ];
 
-/// A vessel at this speed (m/s), with the installer's configuration.
 fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea("0.4,5");
     scenario.keep_out_m = KEEP_OUT_M.to_vec();
@@ -46,7 +45,7 @@ fn land((scenario, nodes): &(Scenario, NodeConfigs), seed: u64) -> (Outcome, Vec
 fn landing_next_to_a_mast() {
     let without = vessel(2.0, SurroundingsConfig::default());
     let with = vessel(2.0, known());
-    // Approaches from the mast's side.
+    // Without the volumes, the drone approaches from the mast's side.
     let (before, _) = land(&without, 33);
     assert_eq!(before.keep_out_collisions, Some(1));
     let (after, _) = land(&with, 33);
@@ -73,7 +72,7 @@ fn approach_through_the_sector() {
             worst = worst.max(out.abs().to_degrees());
         }
     }
-    // For the vessel's yaw about its mean heading.
+    // Margin for the vessel's yaw about its mean heading.
     assert!(worst < 5.0, "{worst} deg outside the sector");
 }
 

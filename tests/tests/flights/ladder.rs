@@ -1,5 +1,5 @@
 //! Steps before a first landing: a pilot lands in the mode `shadow`; a drone follows the deck in the mode
-//! `match`, then climbs.
+//! `match` and then climbs.
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::step::Step;
@@ -27,8 +27,8 @@ impl alight_sim::harness::observer::WorldObserver for Received {
     }
 }
 
-/// Height of a pilot's flight above the deck at `t`, m: approach height, tracking height, 2 m for a while,
-/// deck.
+/// Height above the deck that a pilot flies at the time `t`, m: approach height, tracking height, 2 m for a
+/// while, then the deck.
 fn by_hand(t: f64) -> f64 {
     let down = [
         (20.0, 1.0, 15.0, 7.0),
@@ -69,7 +69,7 @@ fn shadow_while_a_pilot_lands() {
     assert!(!linked.autopilot.armed(), "never landed");
     assert_eq!(linked.commanded, 0);
     let visited = rig.visited(0);
-    // The mission passes all states, and ends at the pilot's disarm.
+    // The mission passes through all states and ends when the pilot disarms.
     for state in [
         State::GetAltitude,
         State::Approach,
@@ -82,7 +82,7 @@ fn shadow_while_a_pilot_lands() {
     let compared: Vec<_> = received.0.iter().filter_map(|a| a.shadow).collect();
     assert!(compared.len() > 300, "{}", compared.len());
     assert!(compared.iter().all(|s| !s.stops));
-    // Both hover above the deck.
+    // Compares the attitudes while both hover above the deck.
     let mut apart: Vec<f64> = compared.iter().map(|s| s.apart_rad.to_degrees()).collect();
     apart.sort_by(f64::total_cmp);
     let [median, most] = [apart.len() / 2, apart.len() * 9 / 10].map(|k| apart[k]);

@@ -58,7 +58,7 @@ fn landing_without_radio_from_tracking_on() {
 fn touchdown_alignment_in_steady_wind() {
     let mut scenario = at_sea("0,0");
     scenario.drone.wind.mean_mps = 5.0;
-    // The hover tilts by 4 deg; half of that used to remain as an error.
+    // The hover needs a tilt of 4 deg; half of it must not remain as an error.
     let errors: Vec<f64> = (30..32)
         .map(|seed| {
             let o = outcome(&scenario, seed);
@@ -70,7 +70,7 @@ fn touchdown_alignment_in_steady_wind() {
     assert!(mean < 2.2, "{errors:?} deg");
 }
 
-/// Response of the autopilot that is not configured: dead time 0 to 0.25 s, lag 0.05 to 0.35 s.
+/// Autopilot response that differs from the configured one: dead time 0 to 0.25 s, lag 0.05 to 0.35 s.
 fn response_of(seed: u64) -> [f64; 2] {
     let mut draw = Noise::new(&Streams::new(seed), "response");
     [0.25 * draw.uniform(), 0.05 + 0.30 * draw.uniform()]

@@ -1,5 +1,5 @@
 //! Scenarios and success rates in the simulated world, and the link to its autopilots: one file per subject,
-//! in one program that is linked once.
+//! in one program so that linking happens once.
 
 // Test helpers may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -41,7 +41,7 @@ use alight_uav::autopilot::modes::Firmware;
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
-/// Flies for at most `limit_s`; calls `each` after every tick.
+/// Flies for at most `limit_s`; `each` is called after every tick.
 fn judged(rig: &mut Rig, seed: u64, limit_s: f64, mut each: impl FnMut(&mut Rig)) -> Outcome {
     let half_deck = [rig.scenario.deck.length_m / 2.0, rig.scenario.deck.width_m / 2.0];
     let mut judge = Judge::default();

@@ -1,5 +1,5 @@
-//! The vessel's receiver as moving base: a position to centimetres before a tag is in view and after it is
-//! lost; false fixes.
+//! The vessel's receiver as moving base: a position accurate to centimetres before a tag is in view and after
+//! it is lost, and false fixes.
 
 use alight_shared::msg::State;
 use alight_sim::harness::outcome::{Outcome, TIME_LIMIT_S};
@@ -15,10 +15,10 @@ use rayon::prelude::*;
 use crate::judged;
 
 const HOVERS_S: f64 = 40.0;
-/// Height at which tags are lost for good, m.
+/// Height at which the tags are permanently lost, m.
 const BLIND_M: f64 = 3.0;
 
-/// The drone soon has a lasting fix.
+/// Moving base with which the drone soon has a lasting fix.
 fn fixed() -> MovingBaseConfig {
     MovingBaseConfig {
         time_to_fix_s: 2.0,
@@ -32,7 +32,7 @@ fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
     scenario
 }
 
-/// Error of the forecast's present deck position relative to the drone, m.
+/// Error of the forecast's current deck position relative to the drone, m.
 fn error_m(rig: &Rig) -> Option<f64> {
     let (physics, computer) = (rig.world.physics(), rig.world.drones().first()?);
     let (now, odometry) = (physics.drone_now(0), computer.odometry.as_ref()?);
@@ -65,7 +65,6 @@ fn forecast_at_10_m_before_a_tag_is_in_view() {
     assert!(with < 0.1 && without > 0.3, "{with} {without}");
 }
 
-/// The camera fails for good in the descent.
 fn blinded(moving_base: Option<MovingBaseConfig>, seed: u64) -> Outcome {
     let mut rig = Rig::landing(&at_sea(moving_base), &NodeConfigs::default(), seed).unwrap();
     let mut blind = false;
@@ -97,12 +96,12 @@ fn tags_lost_for_good_low_over_the_deck() {
         );
         all.iter().sum::<f64>() / all.len() as f64
     });
-    // The flare has no vision: the moving base gives a position every quarter of a second, otherwise nothing does.
+    // The flare has no vision: with the moving base a position arrives every quarter of a second, without it none.
     let [with, without] = means;
     assert!(with < 0.25 && with < 0.8 * without, "{means:?}");
 }
 
-/// Fixes are wrong by 0.5 m: no landing is unsafe.
+/// All fixes are wrong by 0.5 m, and no landing may be unsafe.
 #[test]
 fn false_fixes_without_an_unsafe_contact() {
     let config = MovingBaseConfig {

@@ -1,4 +1,4 @@
-//! Landings by night: lit tags, printed tags, a lamp on the deck.
+//! Landings at night: lit tags, printed tags, a lamp on the deck.
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::outcome::Outcome;
@@ -8,7 +8,7 @@ use alight_sim::harness::trial;
 use alight_sim::physics::vessel::response::HULLS;
 use alight_sim::sensors::night::NightConfig;
 
-/// Starlight, and tags as bright as a telephone's screen.
+/// Starlight, and tags as bright as a phone screen.
 fn lit() -> NightConfig {
     NightConfig {
         ambient_lux: 0.001,
@@ -17,7 +17,7 @@ fn lit() -> NightConfig {
     }
 }
 
-/// Moderate sea by night, with a hull from a table or the simulated one, without ultraviolet markers.
+/// Moderate sea at night, with a hull from a table or the simulated hull, without ultraviolet markers.
 fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
     let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
     scenario.sea = "moderate".parse().unwrap();
@@ -29,7 +29,6 @@ fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
     (scenario, nodes)
 }
 
-/// Landings on the simulated hull and two others, over all seeds.
 fn pooled(seeds: core::ops::Range<u64>, night: NightConfig) -> Vec<Outcome> {
     let hulls = [None, Some(HULLS[1]), Some(HULLS[2])];
     let worlds = hulls.map(|hull| at_night(hull, night));
@@ -62,7 +61,7 @@ fn landings_by_night_on_lit_tags() {
 
 #[test]
 fn landing_by_night_in_rendered_images() {
-    // Settings for the dark overexpose the tags, until metering finds them.
+    // Settings for the dark overexpose the tags until metering finds them.
     let mut night = lit();
     night.tags_cdpm2 = 1000.0;
     let (mut scenario, nodes) = at_night(None, night);
@@ -84,7 +83,7 @@ fn printed_tags_by_night_with_the_reason() {
         let mut rig = Rig::landing(&scenario, &nodes, 5).unwrap();
         let is_dark = |rig: &Rig| rig.mission(0).waiting.code == ReasonCode::TooDark;
         assert!(rig.until(60.0, is_dark), "{}", rig.mission(0).waiting);
-        // It stays dark, and the drone does not descend.
+        // It stays dark, and the drone must not descend.
         rig.run(limit_s);
         assert!(
             rig.state(0) == State::Approach && is_dark(&rig),
@@ -99,7 +98,7 @@ fn printed_tags_by_night_with_the_reason() {
 
 #[test]
 fn printed_tags_on_a_lit_deck() {
-    // Work light of a small boat.
+    // Work light on a small boat.
     let night = NightConfig {
         ambient_lux: 40.0,
         ..NightConfig::default()
@@ -111,7 +110,7 @@ fn printed_tags_on_a_lit_deck() {
 
 #[test]
 fn lamp_on_the_deck_into_the_lens() {
-    // A searchlight 1.5 m from the tags' centre: no contact is unsafe.
+    // With a searchlight 1.5 m from the tags' centre, no contact may be unsafe.
     let lamp = NightConfig {
         lamp_cd: 3e4,
         ..lit()
@@ -123,7 +122,7 @@ fn lamp_on_the_deck_into_the_lens() {
     assert_eq!(landed(&pooled(0..2, filtered)), 2);
 }
 
-/// With a lamp 1 m from the tags' centre the drone lands, or waits and reports why.
+/// With a lamp 1 m from the tags' centre, the drone lands, or waits and reports why.
 #[test]
 fn lamp_that_blinds_with_the_reason() {
     for (lamp_cd, seed, lands) in [(1e5, 3, true), (1e6, 4, false)] {

@@ -1,4 +1,4 @@
-//! Landings at four places on Earth by the bytes of all devices. No configuration has a frame's origin: the
+//! Landings at four places on Earth, using the bytes of all devices. No configuration contains a frame's origin: the
 //! vessel's is at its first fix, the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
@@ -8,7 +8,7 @@ use alight_sim::harness::scenario::{NodeConfigs, PlaceConfig, Scenario};
 
 use crate::judged;
 
-/// Scene at place `k` of the four seas.
+/// Scene at position `k` of the four seas.
 fn scene(k: usize) -> Scenario {
     let seas = PlaceConfig::four_seas();
     let place = PlaceConfig {
@@ -21,7 +21,6 @@ fn scene(k: usize) -> Scenario {
     }
 }
 
-/// Event at a delay (s) after the entry of a state.
 struct Event {
     state: State,
     after_s: f64,
@@ -40,7 +39,7 @@ fn landed(scenario: &Scenario, seed: u64, event: Option<Event>) -> Outcome {
     outcome
 }
 
-/// The vessel restarts in every second landing.
+/// The vessel's computer restarts in every second landing.
 #[test]
 fn landings_at_four_places() {
     let mut lost = Vec::new();
@@ -91,9 +90,9 @@ fn drifting_barometer_and_steel_below_the_compass() {
     assert!(lost.is_empty(), "{lost:#?}");
 }
 
-/// The vessel's receiver omits the geoid's height: by radio its deck is 31 m, 55 m or 30 m too low, or 21 m
-/// too high. No drone flies into the sea; a drone that detects the deck from a height safe under both
-/// assumptions lands.
+/// The vessel's receiver omits the geoid height: according to the radio its deck is 31 m, 55 m or 30 m too
+/// low, or 21 m too high. No drone may fly into the sea; a drone that detects the deck from a height that is
+/// safe under both assumptions lands.
 #[test]
 fn vessel_height_without_the_geoid() {
     let mut landed_low = 0;
@@ -113,7 +112,7 @@ fn vessel_height_without_the_geoid() {
     assert_eq!(landed_low, 3);
 }
 
-/// The drone's receiver lacks heights above the ellipsoid; the geoid's table replaces them, 55 m here.
+/// The drone's receiver reports no heights above the ellipsoid; the geoid table, 55 m here, supplies the difference.
 #[test]
 fn drone_without_ellipsoid_height() {
     let mut scenario = scene(2);

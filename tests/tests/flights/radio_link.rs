@@ -1,4 +1,4 @@
-//! Load, loss and recovery of the radio link in the whole system.
+//! Load, loss and recovery of the radio link in the complete system.
 
 use alight_shared::msg::State;
 use alight_sim::harness::observer::NoObserver;
@@ -15,8 +15,8 @@ fn land(scenario: &Scenario, seed: u64) -> Outcome {
     trial::outcome(scenario, &NodeConfigs::default(), seed, "test").unwrap()
 }
 
-/// Bytes per second to the drone, and fraction dropped by a full queue, in the second half of a warm-up of a
-/// minute.
+/// Bytes per second to the drone, and fraction of packets dropped by a full queue, in the second half of a
+/// warm-up of one minute.
 fn load(scenario: &Scenario) -> (f64, f64) {
     let mut world = World::new(scenario, &NodeConfigs::default(), 102).unwrap();
     let mut counts = Vec::new();
@@ -37,7 +37,7 @@ fn load(scenario: &Scenario) -> (f64, f64) {
 #[test]
 fn broadcast_load_at_full_rates() {
     let (bytes_per_s, overflowed) = load(&at_sea("slight"));
-    // Full rates: estimates 4.6 kB/s, predictions 1.0 kB/s, wave models at least 1.4 kB/s.
+    // At full rates: estimates 4.6 kB/s, predictions 1.0 kB/s, wave models at least 1.4 kB/s.
     assert!((7_000.0..9_000.0).contains(&bytes_per_s), "{bytes_per_s}");
     assert_eq!(overflowed, 0.0);
 }
@@ -48,7 +48,7 @@ fn landing_over_a_narrow_link() {
     scenario.radio.rate_bps = 32_000.0;
     scenario.radio.queue_bytes = 4096;
     let (bytes_per_s, overflowed) = load(&scenario);
-    // 32 kbit/s are 4000 bytes/s.
+    // The link's 32 kbit/s are 4000 bytes/s.
     assert!((2_000.0..4_200.0).contains(&bytes_per_s), "{bytes_per_s}");
     assert!(overflowed < 0.03, "{overflowed}");
     let outcome = land(&scenario, 102);

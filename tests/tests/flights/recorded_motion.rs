@@ -1,5 +1,5 @@
-//! Motion without waves: a platform rocks fast about its deck, 1.3 m above the vessel's sensors, and heaves
-//! with an unrelated sea.
+//! Deck motion that is not caused by waves: a platform rocks fast about its deck, 1.3 m above the vessel's
+//! sensors, and heaves with an unrelated sea.
 
 use std::path::{Path, PathBuf};
 
@@ -24,8 +24,8 @@ fn scene(file: PathBuf, scale: f64, start_s: f64) -> Scenario {
     }
 }
 
-/// Roll and pitch with an amplitude of 1.5 deg at 1.1 to 1.4 Hz, over a slower rocking at 0.47 Hz; 10 rows
-/// per second.
+/// Roll and pitch with an amplitude of 1.5 deg at 1.1 to 1.4 Hz, superimposed on a slower rocking at 0.47 Hz;
+/// 10 rows per second.
 fn platform(name: &str) -> PathBuf {
     let mut csv = String::from("t_s,roll_deg,pitch_deg\n");
     for k in 0..1500 {
@@ -47,8 +47,8 @@ fn estimated_tilt_under_horizontal_acceleration() {
         .map(|seed| run(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
         .collect();
     std::fs::remove_file(file).unwrap();
-    // Position, attitude, velocity, rates. An accelerometer bias of 0.1 m/s² is 0.01 rad of tilt; the error
-    // was 0.1 rad when force fluctuations separated tilt from bias.
+    // Errors of position, attitude, velocity and rates. An accelerometer bias of 0.1 m/s² corresponds to 0.01
+    // rad of tilt. The error is 0.1 rad if force fluctuations are used to separate tilt from bias.
     let e = state_errors(&runs).per_axis;
     assert!(e[1] < 0.025, "attitude {} rad", e[1]);
     assert!(e[2] < 0.1, "velocity {} m/s", e[2]);

@@ -88,7 +88,7 @@ fn assert_sea(r: &Review, sd: [f64; 4]) {
         .iter()
         .filter(|p| ["heave", "roll", "pitch"].contains(&p.what))
     {
-        // 2 s is 0.4 of a period, where a constant estimate has the largest error.
+        // 2 s is 0.4 of a period, where a constant estimate has its largest error.
         assert!(
             p.rms[2] < 0.35 * p.hold_rms[2],
             "{}: {:?} {:?}",
@@ -178,8 +178,7 @@ fn review_of_a_recorded_platform() {
     assert!(r.sea.significant_height_m.is_none(), "it has no heave");
     let [roll, pitch] = ["roll", "pitch"].map(|w| r.predictions.iter().find(|p| p.what == w).unwrap());
     for p in [roll, pitch] {
-        // It rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error
-        // shows.
+        // The deck rocks at 1.4 Hz, faster than any wave: the prediction is of little use, as its reported error shows.
         assert!(p.rms[1] < p.hold_rms[1], "{p:?}");
         assert!(p.inside_95[1] > 0.9 && p.inside_95[2] > 0.9, "{p:?}");
     }
@@ -187,7 +186,7 @@ fn review_of_a_recorded_platform() {
 
 #[test]
 fn review_of_quantities_on_rows_of_their_own() {
-    // A boat in a figure of eight for 100 s, from canboat/canboat, samples/ (Apache-2.0), longitude shifted.
+    // A boat in a figure of eight for 100 s, from canboat/canboat, samples/ (Apache-2.0), with shifted longitude.
     let recorded = log::read(
         include_bytes!("data/figure-of-eight.csv"),
         "eight",
@@ -201,7 +200,7 @@ fn review_of_quantities_on_rows_of_their_own() {
             Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
         })
     };
-    // Every fix that has a row is kept.
+    // Every fix that has a row must be kept.
     let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
     let (rated, heaved) = (
         attitudes().filter(|a| a.rates.is_some()),

@@ -1,4 +1,4 @@
-//! Sorties in the simulated world: away in the autopilot's own mission, and back to the deck.
+//! Sorties in the simulated world: away from the vessel in the autopilot's own mission, and back to the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
@@ -23,7 +23,7 @@ fn upload(rig: &mut Rig, k: usize, far_m: f64) {
     }
 }
 
-/// A charger on the vessel charges the drone while it is disarmed on the deck.
+/// Simulates a charger on the vessel, which charges the drone while it is disarmed on the deck.
 fn charge(rig: &mut Rig, k: usize, to: f64) {
     if let Some(linked) = rig.world.linked(k)
         && !linked.autopilot.armed()
@@ -31,7 +31,6 @@ fn charge(rig: &mut Rig, k: usize, to: f64) {
         linked.autopilot.battery = to;
     }
 }
-/// Runs with the charger until `done`; false if `limit_s` passes first.
 fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> bool) -> bool {
     let mut ended = false;
     rig.each(limit_s, |rig| {
@@ -42,7 +41,7 @@ fn attended_by_a_charger(rig: &mut Rig, limit_s: f64, done: impl Fn(&Rig) -> boo
     ended
 }
 
-/// One order, no crew: two sorties in the autopilot's own mission, and a charge between them.
+/// One order and no crew: two sorties in the autopilot's own mission, with a charge between them.
 #[test]
 fn unattended_cycles() {
     for firmware in BOTH {
@@ -84,7 +83,7 @@ fn unattended_cycles() {
     }
 }
 
-/// The autopilot's own mission leads away from a vessel under way or adrift.
+/// Drone in the autopilot's own mission, which leads away from a vessel under way or adrift.
 fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
     if under_way {
@@ -97,7 +96,6 @@ fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) ->
     assert!(autopilot.choose(own_mission_mode(firmware)));
     rig
 }
-/// Asserts a landing within `limit_s`, on the feet alone.
 fn lands(rig: &mut Rig, limit_s: f64) {
     let (landed, met) = until(rig, limit_s, State::Landed);
     let context = format!("{:?}, {}", rig.visited(0), rig.mission(0).waiting);
@@ -107,8 +105,8 @@ fn is_away(rig: &mut Rig, by_m: f64) -> bool {
     rig.until(60.0, |r| r.world.physics().deck_distance_m(0) > by_m)
 }
 
-/// The battery runs low out of radio range: the drone flies to the vessel's predicted position, receives it
-/// there, and lands.
+/// The battery runs low out of radio range: the drone flies to the vessel's predicted position, receives the
+/// vessel there, and lands.
 #[test]
 fn sortie_ended_out_of_radio_range() {
     let mut rig = on_its_mission(Firmware::Px4, 67, 300.0, true);
@@ -130,8 +128,7 @@ fn sortie_ended_out_of_radio_range() {
     lands(&mut rig, 200.0);
 }
 
-/// A companion computer that reboots on a sortie keeps its purpose: the drone returns after the autopilot's
-/// own mission.
+/// A companion computer that reboots during a sortie resumes it: the drone returns after the autopilot's own mission.
 #[test]
 fn sortie_after_a_reboot() {
     let mut rig = on_its_mission(Firmware::ArduCopter, 82, 60.0, false);
@@ -143,7 +140,7 @@ fn sortie_after_a_reboot() {
     lands(&mut rig, 300.0);
 }
 
-/// Two drones of a vessel with a charger: one is on the deck while the other is away, without further orders.
+/// Two drones on a vessel with a charger: one is on the deck while the other is away, without further orders.
 #[test]
 fn two_drones_that_take_turns_on_one_deck() {
     let mut scenario = at_sea("slight");
@@ -157,9 +154,9 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
-    // Nothing separates the missions of two autopilots: each flies on the side of its waiting place.
+    // The missions of the two autopilots are not coordinated, so each drone flies on the side of its waiting place.
     (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
-    // The first takes off; the second lands from the air and stays.
+    // The first drone takes off; the second lands from the air and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
     let m = rig.mission(0);
@@ -175,7 +172,7 @@ fn two_drones_that_take_turns_on_one_deck() {
     assert!(rig.until(200.0, |r| r.state(1) == State::Landed && !armed(r, 1)));
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
-    // Distance while Alight flies both; in its own mission each drone follows its waypoints.
+    // Distance while Alight flies both drones; in its own mission each drone follows its waypoints.
     let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {

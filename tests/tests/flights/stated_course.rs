@@ -1,4 +1,4 @@
-//! A course stated by the helm, from the order on the vessel to the drone's descent.
+//! Stated course: from the helm's order on the vessel to the drone's descent.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State};
 use alight_sim::harness::rig::Rig;
@@ -14,7 +14,6 @@ fn tracking() -> Rig {
     assert!(reaches(&mut rig, 60.0, State::Tracking));
     rig
 }
-/// Flies until the drone is in `state`; false if `limit_s` passes first.
 fn reaches(rig: &mut Rig, limit_s: f64, state: State) -> bool {
     rig.until(limit_s, |rig| rig.state(0) == state)
 }
@@ -26,7 +25,7 @@ fn descent_with_a_turn_or_a_short_promise() {
         (DeckOrder::Steady(10), ReasonCode::CourseEnds),
     ] {
         let mut rig = tracking();
-        // Before a descent can begin.
+        // Ordered before a descent can begin.
         rig.world.deck_order(stated);
         assert!(!reaches(&mut rig, 8.0, State::Descent), "{stated:?}");
         assert_eq!(rig.mission(0).waiting.code, why);

@@ -1,4 +1,4 @@
-//! Stations next to a turning vessel.
+//! Stations near a turning vessel.
 
 use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
 use alight_sim::harness::rig::Rig;
@@ -16,7 +16,7 @@ const ABEAM: Station = Station {
     for_min: 10,
 };
 
-/// Distance from the station relative to the true deck and heading, without heave, m.
+/// Distance of the drone from its station, which is relative to the true deck and heading, without heave, m.
 fn off_m(rig: &Rig) -> f64 {
     let physics = rig.world.physics();
     let (deck, drone) = (physics.deck(), physics.drone(0).unwrap());
@@ -25,7 +25,8 @@ fn off_m(rig: &Rig) -> f64 {
     (drone.position.0 - deck.position.0 - place).xy().norm()
 }
 
-/// A square at 2 m/s in Moderate and wind: the drone keeps its station for a minute, then lands when ordered.
+/// The vessel follows a square at 2 m/s in Moderate and wind; the drone keeps its station for a minute, then
+/// lands when ordered.
 #[test]
 fn station_off_a_vessel_that_turns() {
     let mut scenario = Scenario::default();
@@ -56,7 +57,7 @@ fn station_off_a_vessel_that_turns() {
 }
 
 /// Two drones are ordered to one station above both waiting places: one keeps it, the other reports why it
-/// does not, and they keep their distance.
+/// cannot, and they keep their distance.
 #[test]
 fn one_station_of_two_drones() {
     let scenario = Scenario {

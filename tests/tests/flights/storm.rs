@@ -1,5 +1,5 @@
-//! Storms: several faults in one flight. Those in `tests/storm` once broke a rule. The drawn ones are the
-//! same in each run, and reveal a change that often breaks a rule (`alight study storm` flies thousands).
+//! Storms: several faults in one flight. The storms in `tests/storm` once broke a rule. The drawn storms are
+//! the same in each run and reveal changes that often break a rule (`alight study storm` flies thousands).
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormEnding, StormRule};
@@ -13,11 +13,11 @@ fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
     fly_mutant(storm, mutant, &mut |_, _| {}).unwrap()
 }
 
-/// Contact speed up to which a storm is not the cause, m/s: without a fault 2 of 60 landings with ArduCopter
-/// touch down at 1.0 to 1.1 m/s, which `alight trial --trials N` counts.
+/// Contact speed up to which a storm is not considered the cause, m/s: without a fault 2 of 60 landings with
+/// ArduCopter touch down at 1.0 to 1.1 m/s, which `alight trial --trials N` counts.
 const HARD_MPS: f64 = 1.2;
 
-/// Violation of a flight, as text. A contact slower than `excused_mps` does not count.
+/// Rule violation of a flight, as text. A contact slower than `excused_mps` does not count.
 fn broken_by(flown: &Flown, name: &str, storm: &Storm, excused_mps: f64) -> Option<String> {
     let violation = flown.violation?;
     let usual = violation.rule == StormRule::HardContact && violation.figure < excused_mps;
@@ -54,9 +54,8 @@ fn storms_drawn_by_seed() {
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
-/// Slight sea, no faults.
 fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
-    // A scene that suits the kind.
+    // Draws until the scene suits the kind of flight.
     let mut drawn = (1..100).map(|seed| Storm::drawn(seed, 0));
     let storm = drawn.find(|s| s.flight == flight).unwrap();
     Storm {
@@ -73,7 +72,7 @@ fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
 }
 
 /// Without faults every flight keeps all rules and ends as intended: a take-off in the hold above the vessel,
-/// the others on the deck; one may wait for a better moment.
+/// the others on the deck. One flight may still wait for a better moment.
 #[test]
 fn every_flight_without_a_fault() {
     let both = |flight| super::BOTH.map(|autopilot| faultless(flight, autopilot));
@@ -100,7 +99,7 @@ fn every_flight_without_a_fault() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A fault at the second of two landings, and one at a third, which does not occur.
+/// A fault at the second of two landings, and a fault at a third landing, which does not occur.
 #[test]
 fn fault_at_the_second_landing() {
     let fault = |entry| Fault {
@@ -129,7 +128,6 @@ fn fault_at_the_second_landing() {
     assert!(landed.len() == 2 && f.began[0].2 > landed[1], "{f:?}");
 }
 
-/// PX4 in a slight sea, on a boat at 2 m/s.
 fn with_fault(seed: u64, fault: Fault) -> Storm {
     Storm {
         flight: FlightKind::Landing,
@@ -147,7 +145,7 @@ fn with_fault(seed: u64, fault: Fault) -> Storm {
     }
 }
 
-/// The companion computer and its clock are suspended: the order remains.
+/// The companion computer and its clock are suspended, and the order remains.
 #[test]
 fn order_over_a_suspended_computer() {
     let cases = [(State::Approach, 1), (State::Descent, 2), (State::Flare, 1)];
@@ -162,8 +160,8 @@ fn order_over_a_suspended_computer() {
     });
 }
 
-/// The computer is killed in the flare above a moving boat: the autopilot holds, and slides over the deck's
-/// edge.
+/// The computer is killed in the flare above a moving boat: the autopilot holds, and the drone slides over
+/// the deck's edge.
 #[test]
 fn computer_killed_in_the_flare() {
     let flights = [(1, 0.1), (1, 0.8), (2, 0.1), (2, 0.8)];
@@ -174,7 +172,7 @@ fn computer_killed_in_the_flare() {
     });
 }
 
-/// The shortest known flight in which the mutant breaks a rule; without it the flight breaks none.
+/// Shortest known flight in which the mutant breaks a rule; without the mutant it breaks none.
 fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
     use State::{ClimbOut, Descent, Flare, GaveUp, GetAltitude, Tracking, TrackingStable};
     let fault = |kind, state, after_s, size, lasts_s| Fault {
@@ -230,7 +228,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             (under_way, StormRule::CarriesLanded)
         }
         Mutant::ReserveWaived => {
-            // The drone hovers until its battery is empty, and falls; the slow planner prolongs the flight.
+            // The drone hovers until its battery is empty, then falls; the slow planner prolongs the flight.
             let faults = vec![
                 fault(FaultKind::BatteryAt, ClimbOut, 0.1, 0.201, 0.0),
                 fault(FaultKind::PlannerSlow, ClimbOut, 0.2, 0.02, 400.0),
@@ -271,15 +269,15 @@ fn mutants_by_their_shortest_flights() {
 }
 
 #[test]
-#[ignore = "looks for mutants without a short flight in 300 storms each: half an hour of processor time"]
+#[ignore = "searches 300 storms for each mutant without a short flight: half an hour of processor time"]
 fn every_other_mutant_within_300_storms() {
     let found = |mutant: Mutant| {
         let seeds: Vec<u64> = (1..=300).collect();
-        // In the order of the seeds: the first one measures the time to find the mutant.
+        // In the order of the seeds, so that the first hit measures the time to find the mutant.
         let first = seeds.par_iter().map(|seed| {
             let storm = Storm::drawn(*seed, 4);
             let violation = flown(&storm, Some(mutant)).violation?;
-            // A storm that breaks a rule without the defect does not reveal it.
+            // A storm that breaks a rule without the mutant does not reveal it.
             flown(&storm, None)
                 .violation
                 .is_none()

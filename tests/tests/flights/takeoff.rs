@@ -9,7 +9,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::BOTH;
 use crate::at_sea;
 
-/// A drone on the deck in a sea of this amplitude (m) and a period of 5 s, with take-offs permitted.
+/// Drone on the deck in a sea of this amplitude (m) and a period of 5 s, with take-offs permitted.
 pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea(&format!("{amplitude_m},5"));
     scenario.start.on_deck = true;
@@ -21,7 +21,6 @@ pub(super) fn on_deck(amplitude_m: f64, firmware: Firmware) -> (Scenario, NodeCo
     (scenario, nodes)
 }
 
-/// Start of a flight with the order to take off and the crew's clearance.
 pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Rig {
     let mut rig = Rig::new(scenario, nodes, seed).unwrap();
     rig.world.deck_order(DeckOrder::TakeOff(1));
@@ -30,18 +29,17 @@ pub(super) fn ordered(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Ri
     rig
 }
 
-/// Contacts of the drone's parts, and its distance from the deck.
 #[derive(Debug, Default)]
 pub(super) struct Contacts {
     pub(super) others: u32,
     pub(super) fastest_mps: f64,
     pub(super) water: bool,
-    /// Number of begun take-offs, and sum of their predicted probabilities.
+    /// Number of take-offs begun, and sum of their predicted probabilities.
     take_offs: u32,
     predicted: f64,
 }
 
-/// Flies until `state`. Returns the contacts; false if `limit_s` passes first.
+/// Flies until `state`. Returns whether it was reached within `limit_s`, and the contacts.
 pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contacts) {
     let mut met = Contacts::default();
     let mut before = rig.state(0);
@@ -62,7 +60,7 @@ pub(super) fn until(rig: &mut Rig, limit_s: f64, state: State) -> (bool, Contact
     (rig.state(0) == state, met)
 }
 
-/// No take-off starts without clearance; none continues after the deck is closed.
+/// No take-off starts without clearance; none continues after the crew closes the deck.
 #[test]
 fn take_off_without_clearance_or_after_its_end() {
     let (scenario, nodes) = on_deck(0.3, Firmware::Px4);
@@ -95,7 +93,7 @@ pub(super) fn rests_on_deck(rig: &Rig) -> bool {
     feet.iter().all(|[_, _, height]| height.abs() < 0.03)
 }
 
-/// Straps on one foot or all feet: thrust is cut before the drone tips over.
+/// Straps hold one foot or all feet: thrust is cut before the drone tips over.
 #[test]
 fn feet_that_are_held() {
     for (firmware, feet) in [
@@ -133,7 +131,6 @@ fn feet_that_are_held() {
 #[derive(Debug, Default)]
 struct Cycles {
     done: u32,
-    /// Take-offs stopped on the deck with a reason.
     stopped: u32,
     met: Contacts,
 }
@@ -187,8 +184,7 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
     all
 }
 
-/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind up to 8 m/s. Takes minutes: run with
-/// --ignored.
+/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind of up to 8 m/s. Takes minutes: run with --ignored.
 #[test]
 #[ignore = "minutes"]
 fn hundred_cycles_from_deck_to_deck() {
@@ -208,8 +204,8 @@ fn hundred_cycles_from_deck_to_deck() {
         all.add(&flown.met);
     }
     // Each take-off has a predicted probability of safety. A world has about five take-offs, each followed by
-    // a landing of at least that probability. Unsafe contacts are at most 3 standard deviations above their
-    // mean, by the normal approximation of the binomial distribution.
+    // a landing with at least the same probability. The number of unsafe contacts may exceed its mean by at
+    // most 3 standard deviations, in the normal approximation of the binomial distribution.
     let (n, p) = (f64::from(all.met.take_offs), all.met.predicted);
     let expected = 2.0 * (n - p);
     let most = expected + 3.0 * (2.0 * p * (n - p) / n).sqrt();

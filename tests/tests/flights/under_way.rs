@@ -1,5 +1,4 @@
-//! Forecast of the drone above a real boat under way, whose heel changes with each turn, in almost flat
-//! water.
+//! Forecast of a drone above a real boat under way, whose heel changes with each turn, in almost flat water.
 
 use std::path::Path;
 
@@ -18,7 +17,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 
-/// Flight time above the boat, s; filters start in its first part, which is not judged.
+/// Flight time above the boat, s; the first part, in which the filters converge, is not judged.
 const FLOWN_S: f64 = 38.0;
 const BEGINS_S: f64 = 10.0;
 
@@ -27,16 +26,15 @@ struct ForecastSample {
     forecast: DeckForecast,
 }
 
-/// Collected from the warm-up on.
 #[derive(Default)]
 struct PredictorFlight {
-    /// Error of the drone's odometry, in whose frame the forecast is, at each tick.
+    /// Error of the drone's odometry, whose frame the forecast uses, at each tick.
     frames: Vec<Vector3<f64>>,
     truth: Vec<RigidState<Deck>>,
     samples: Vec<ForecastSample>,
-    /// As received by the drone.
+    /// Estimates as received by the drone.
     estimates: Vec<VesselEstimate<DroneClock>>,
-    /// Start of the test's flight, ticks.
+    /// Start of the flight above the boat, ticks.
     began: usize,
     drone: Vector3<f64>,
 }
@@ -78,7 +76,7 @@ fn above_the_boat() -> PredictorFlight {
         }),
         ..Scenario::default()
     };
-    // The recording lasts 100 s; in its second half the boat heels to the other side.
+    // The recording lasts 100 s; in the second half the boat heels to the other side.
     scenario.start.warm_up_s = 60.0;
     scenario.start.distance_m = [0.0; 2];
     scenario.start.height_m = [9.0; 2];
@@ -105,8 +103,8 @@ fn above_the_boat() -> PredictorFlight {
     flight
 }
 
-/// Standard deviation of the forecasts' roll and pitch errors at a horizon (s), deg. The inertial unit's
-/// trim, a constant error, is not measured.
+/// Standard deviation of the roll and pitch errors of forecasts at a horizon (s), deg. Excludes the trim of
+/// the inertial unit, which is a constant error.
 fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     let mut errors = [Vec::new(), Vec::new()];
     for s in &flight.samples {
@@ -124,7 +122,7 @@ fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
     errors.map(|e| moments(&e).1)
 }
 
-/// Root mean square difference between a forecast's start and the vessel's estimate in roll and pitch, deg.
+/// Root mean square difference in roll and pitch between a forecast's start and the vessel's estimate, deg.
 fn beginning_deg(flight: &PredictorFlight) -> f64 {
     let (mut sum, mut n) = (0.0, 0.0);
     for e in &flight.estimates {

@@ -1,5 +1,5 @@
-//! Two measurements of the deck contradict each other: no descent begins, one at height is aborted, and the
-//! reason is reported.
+//! Two measurements of the deck contradict each other: no descent begins, a descent at height is aborted, and
+//! the reason is reported.
 
 use alight_shared::msg::{ReasonCode, State};
 use alight_sim::harness::failing::Failing;
@@ -9,7 +9,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 
 use crate::judged;
 
-/// Outcome, maximum disagreement about height in the descent, and reported reasons about the two
+/// Outcome, maximum disagreement about height during the descent, and reported reasons that concern the two
 /// measurements.
 struct Flown {
     outcome: Outcome,
@@ -41,7 +41,6 @@ fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig
     }
 }
 
-/// Without faults no contradiction is reported.
 #[test]
 fn witnesses_that_agree_in_a_sound_world() {
     let mut failed = Vec::new();
@@ -55,7 +54,7 @@ fn witnesses_that_agree_in_a_sound_world() {
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-/// Images that arrive 0.3 s late, stamped 0.25 s after their exposure: no hard contact.
+/// Images arrive 0.3 s late, stamped 0.25 s after their exposure: no contact may be hard.
 #[test]
 fn images_stamped_late() {
     let mut scenario = Scenario::default();

@@ -1,10 +1,9 @@
-//! Start of the autopilot. It boots before or after our processes, reports its origin when GNSS is good, and
-//! then aligns its heading by the magnetometer.
+//! Start of the autopilot. It boots before or after Alight's processes, reports its origin when GNSS is good,
+//! and then aligns its heading with the magnetometer.
 //!
-//! Measured with PX4 main of March 2026: the alignment comes 0.4 to 2 s after the report of the origin, and
-//! turns the heading by 50 to 118 deg. Before it, the heading is arbitrary, the autopilot reports that GNSS
-//! is not fused, and it denies OFFBOARD (GUIDED) and arming. In the meantime a pilot holds the drone in
-//! place.
+//! Measured with PX4 main of March 2026: the alignment comes 0.4 to 2 s after the report of the origin and
+//! turns the heading by 50 to 118 deg. Until then the heading is arbitrary, the autopilot reports that GNSS
+//! is not fused, and it denies OFFBOARD (GUIDED) and arming, while a pilot holds the drone in place.
 
 use core::f64::consts::TAU;
 
@@ -18,14 +17,14 @@ use crate::sensors::noise::Noise;
 
 /// Time from the report of the origin to the alignment, s.
 const AFTER_S: [f64; 2] = [0.4, 2.0];
-/// Boot time of an autopilot that starts after our processes, s.
+/// Boot time of an autopilot that starts after Alight's processes, s.
 const BOOT_S: [f64; 2] = [0.2, 1.0];
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Unaligned {
-    /// Error of the heading, rad.
+    /// Heading error before the alignment, rad.
     turned: f64,
-    /// The autopilot is silent until then.
+    /// Time until which the autopilot boots and is silent.
     boots_until: Time<TrueTime>,
     after: Span,
     /// Time of the alignment; None until the origin is reported.
@@ -33,7 +32,7 @@ pub(super) struct Unaligned {
 }
 
 impl Unaligned {
-    /// Draws whether the autopilot or our processes start first, the heading error and the delay.
+    /// Draws which starts first, the autopilot or Alight's processes, the heading error and the delay.
     pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
@@ -52,7 +51,6 @@ impl Unaligned {
     pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
         now < self.boots_until
     }
-    /// Starts the delay.
     pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
         self.due.get_or_insert(now + self.after);
     }
@@ -60,13 +58,12 @@ impl Unaligned {
     pub(super) fn is_over(&self, now: Time<TrueTime>) -> bool {
         self.due.is_some_and(|due| now >= due)
     }
-    /// Reported attitude (NED from body) of a drone with this true attitude.
+    /// Reported attitude (NED from body) for a true attitude.
     pub(super) fn read(&self, attitude: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         UnitQuaternion::from_euler_angles(0.0, 0.0, self.turned) * attitude
     }
 }
 
-/// Status flags of the estimator.
 pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
     let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
     match (firmware, aligned) {

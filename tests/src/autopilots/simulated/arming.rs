@@ -9,7 +9,6 @@ use alight_uav::autopilot::modes::Firmware;
 
 use super::SimulatedAutopilot;
 
-/// Misalignment of the two inertial sensors, rad.
 const MISALIGNED_RAD: f64 = 0.035;
 /// Rotation rate above which a gyro calibration fails, rad/s (0.5 deg/s).
 const CALIBRATES_RPS: f64 = 0.009;
@@ -17,7 +16,6 @@ const CALIBRATES_RPS: f64 = 0.009;
 const ANGLE_MAX_RAD: f64 = 0.524;
 
 impl SimulatedAutopilot {
-    /// Text that denies a command to arm; None if it is accepted.
     pub(super) fn arming_denial(&self) -> Option<String> {
         if let Some(text) = self.arming_fault {
             return Some(text.into());

@@ -18,9 +18,9 @@ pub(super) struct AttitudeSetPoint {
     pub(super) thrust: f64,
 }
 
-/// Body-rate set-point for an attitude error, rad/s; `wanted` and `is` are NED from body. PX4's
+/// Body-rate set-point for an attitude error, rad/s; `wanted` and `is` are rotations NED from body. PX4's
 /// `AttitudeControl`, after Brescianini, Hehn, D'Andrea 2013 ("Nonlinear quadrocopter attitude control",
-/// section 4.2): tilt first, heading with a weight.
+/// section 4.2): tilt has priority, and the heading error is weighted.
 ///
 /// For small errors this is `w = P e`, so the attitude follows a ramp with the lag `1/P`.
 pub(super) fn rate_set_point(
@@ -30,7 +30,7 @@ pub(super) fn rate_set_point(
 ) -> Vector3<f64> {
     let wanted = target.attitude;
     let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
-    // Shortest rotation that aligns thrust. Upside down it is not unique, and the heading does not matter.
+    // Shortest rotation that aligns the thrust axis. It is not unique upside down, where the heading does not matter.
     let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
     let mix = canonical(&(reduced.inverse() * wanted));
     let half = config.yaw_weight * mix.k.clamp(-1.0, 1.0).asin();
@@ -108,7 +108,7 @@ impl RateLoop {
         self.mix(thrust, &moment)
     }
 
-    /// Rotor commands for a collective thrust and moments, as PX4's default mixer computes them.
+    /// Rotor commands for a collective thrust and moments, by PX4's default mixer.
     fn mix(&mut self, thrust: f64, moment: &Vector3<f64>) -> [f64; MAX_ROTORS] {
         let scale = 1.0 / (self.frame.count() as f64 * self.rotor_max);
         let [roll, pitch, yaw] = self.frame.axes();

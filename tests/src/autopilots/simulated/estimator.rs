@@ -1,4 +1,4 @@
-//! Sensors and state estimate of the autopilot, which its control loops use.
+//! Sensors and state estimator of the autopilot.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -10,7 +10,8 @@ use crate::physics::streams::{Stream, Streams};
 
 /// Correlation time of the barometer's drift, s.
 const BAROMETER_S: f64 = 600.0;
-/// Time constant with which the heading follows the magnetometer, s (weight of the gyroscopes in PX4 and ArduPilot).
+/// Time constant with which the heading follows the magnetometer, s; it reflects the gyroscopes' weight in
+/// PX4 and ArduPilot.
 const STEEL_S: f64 = 5.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -24,26 +25,26 @@ pub(super) struct Estimate {
     pub(super) acceleration: Vector3<f64>,
 }
 
-/// Errors of the estimated attitude (NED, on the left) and rates.
+/// Errors of the estimated attitude (NED rotation, multiplied from the left) and rates.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SimulatedErrors {
     pub(super) attitude: UnitQuaternion<f64>,
     pub(super) rates: Vector3<f64>,
 }
 
-/// Inertial sensors, GNSS, and a Kalman filter over position, velocity and accelerometer bias. One 3x3
-/// covariance applies to each of the three axes.
+/// Inertial sensors, GNSS, and a Kalman filter for position, velocity and accelerometer bias. The three axes
+/// share one 3x3 covariance.
 #[derive(Clone, Debug)]
 pub(super) struct SimulatedEstimator {
     config: NavigationConfig,
     gnss_bias: [GaussMarkov; 3],
-    /// Drift of the barometer, which determines the height.
+    /// Drift of the barometer, which is the height reference.
     barometer: GaussMarkov,
     attitude_error: [GaussMarkov; 3],
-    /// Additional heading errors, rad: one by the hull's steel, one by resets of the estimate.
+    /// Additional heading errors, rad: from the hull's steel, and from resets of the estimate.
     steel: f64,
     reset: f64,
-    /// Displacement of the position by resets, m.
+    /// Position offset caused by resets, m.
     displaced: Vector3<f64>,
     gyro_bias: Vector3<f64>,
     accelerometer_bias: Vector3<f64>,
@@ -60,7 +61,7 @@ pub(super) struct SimulatedEstimator {
 }
 
 impl SimulatedEstimator {
-    /// An estimator that has converged on the hovering drone `m`.
+    /// Estimator that has converged on the hovering drone `m`.
     pub(super) fn new(config: &NavigationConfig, streams: &Streams, m: &PlantState, dt: f64) -> Self {
         let mut gnss_rng = streams.stream("drone.gnss");
         let mut imu_rng = streams.stream("drone.imu");
@@ -119,7 +120,7 @@ impl SimulatedEstimator {
                 rates: Vector3::zeros(),
             },
         };
-        // Twenty seconds of hover before the start, so that the biases converge.
+        // Twenty seconds of hover before the start let the biases converge.
         let still = Vector3::new(0.0, 0.0, -GRAVITY);
         for _ in 0..(20.0 / dt) as usize {
             e.step(m, &still, 0.35, dt);
@@ -127,8 +128,8 @@ impl SimulatedEstimator {
         e
     }
 
-    /// Position of the drone's navigation frame relative to the true one, m: the error of GNSS and barometer,
-    /// and resets.
+    /// Position of the drone's navigation frame relative to the true one, m: the sum of GNSS error, barometer
+    /// error and resets.
     pub(super) fn offset(&self) -> Vector3<f64> {
         let wander = Vector3::from_fn(|i, _| self.gnss_bias[i].value) + Vector3::z() * self.barometer.value;
         wander + self.displaced
@@ -139,23 +140,22 @@ impl SimulatedEstimator {
     pub(super) fn errors(&self) -> &SimulatedErrors {
         &self.errors
     }
-    /// Standard deviations of position (m) and velocity (m/s). That of position excludes the slow GNSS error,
-    /// which is common to successive fixes.
+    /// Standard deviations of position (m) and velocity (m/s). The position's excludes the slow GNSS error,
+    /// which successive fixes share.
     pub(super) fn sd(&self) -> (f64, f64) {
         let p = &self.covariance;
         (p[(0, 0)].max(0.0).sqrt(), p[(1, 1)].max(0.0).sqrt())
     }
 
-    /// Applies the compass error of the hull's steel at `distance_m` for `dt` (s).
+    /// Applies the compass error caused by the hull's steel at `distance_m` for `dt` (s).
     pub(super) fn near_steel(&mut self, distance_m: f64, dt: f64) {
         let error = self.config.steel_heading_deg.to_radians() / distance_m.max(0.5).powi(3);
         self.steel += (error - self.steel) * (dt / STEEL_S).min(1.0);
     }
-    /// Adds `by_rad` to the heading error.
     pub(super) fn reset_heading(&mut self, by_rad: f64) {
         self.reset += by_rad;
     }
-    /// Resets the position by `by` (m), as when the estimator switches to another sensor.
+    /// Resets the position by `by` (m), as when the estimator switches to another position source.
     pub(super) fn reset_position(&mut self, by: &Vector3<f64>) {
         self.displaced += by;
         self.estimate.position += by;
@@ -168,15 +168,15 @@ impl SimulatedEstimator {
             .map(|slow| slow.hypot(c.attitude_noise_deg).to_radians())
     }
 
-    /// Advances by a tick of `dt` that ends at the true motion `m`. `force` is the tick's mean specific force
-    /// in the body frame, `thrust` its collective thrust (fraction of the maximum).
+    /// Advances by a tick of `dt` that ends at the true motion `m`. `force` is the mean specific force in the
+    /// body frame during the tick, `thrust` the mean collective thrust (fraction of the maximum).
     pub(super) fn step(&mut self, m: &PlantState, force: &Vector3<f64>, thrust: f64, dt: f64) {
         let c = &self.config;
         let errors = [0, 1, 2].map(|i| {
             self.attitude_error[i].step(&mut self.attitude_rng)
                 + c.attitude_noise_deg.to_radians() * normal(&mut self.attitude_rng)
         });
-        // Tilt errors about the level axes, heading error about the vertical: NED on the left.
+        // Tilt errors act about the level axes and the heading error about the vertical: an NED rotation, multiplied from the left.
         let (_, _, yaw) = m.attitude.euler_angles();
         let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
         let further = Vector3::z() * (self.steel + self.reset);
@@ -213,8 +213,8 @@ impl SimulatedEstimator {
     }
 
     /// `P = F P F' + Q` for x = [p, v, b], dv/dt = a - b. Q contains white accelerometer noise, fast attitude
-    /// noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2 the drift of the GNSS
-    /// error is not process noise; the estimate follows it with a lag.
+    /// noise, and the drift of the bias (tilt error times gravity). As in PX4's EKF2, Q does not model the
+    /// drift of the GNSS error; the estimate follows that drift with a lag.
     fn predict(&mut self, accelerometer_sd: f64, dt: f64) {
         let c = &self.config;
         let f = Matrix3::new(1.0, dt, -0.5 * dt * dt, 0.0, 1.0, -dt, 0.0, 0.0, 1.0);
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn simulated_estimator_stated_deviations() {
         let dt = 0.01;
-        // The reported position deviation does not include this constant GNSS error.
+        // The reported position deviation excludes this constant GNSS error.
         let config = NavigationConfig {
             gnss_bias_s: 1e5,
             ..NavigationConfig::default()

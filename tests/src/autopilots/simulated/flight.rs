@@ -1,4 +1,4 @@
-//! Modes, failsafe on set-point loss, position control and land detector, computed from the autopilot's own
+//! Modes, failsafe on set-point loss, position control and land detector. They use the autopilot's own
 //! estimate and the nominal airframe.
 
 mod position_control;
@@ -21,27 +21,27 @@ use super::shaping::InputShaping;
 use super::spool::{PULSE_OFF_US, Spool};
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState, RotorFrame};
 
-/// Maximum interval between set-points that counts as a stream, which PX4 requires before OFFBOARD.
+/// Maximum interval between set-points of a stream, which PX4 requires before OFFBOARD.
 const OFFBOARD_GAP: Span = Span::from_millis(500);
 /// Minimum duration of that stream.
 const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
 /// Validity of a landing target.
 const TARGET_STALE: Span = Span::from_millis(1000);
-/// Maximum speed with which the hold point moves to a landing target, m/s, reached at a distance of 1 m.
+/// Maximum speed of the hold point towards a landing target, m/s, reached at a distance of 1 m.
 const GUIDED_MPS: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug)]
 struct Received {
     newest: FlightReference,
     at: Time<TrueTime>,
-    /// Start of the present stream, in which no interval exceeds [`OFFBOARD_GAP`].
+    /// Start of the current stream, whose intervals do not exceed [`OFFBOARD_GAP`].
     since: Time<TrueTime>,
 }
 
 /// Delay of PX4's controllers. The Commander publishes `vehicle_control_mode` at 2 Hz, and immediately when
-/// the vehicle's status changes (arming, mode). After a change of the set-point type, the controllers switch
-/// up to 0.5 s late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
+/// the vehicle's status (arming, mode) changes. After a change of the set-point type, the controllers
+/// therefore switch up to 0.5 s late. Measured with PX4 main of March 2026. ArduCopter has no such delay.
 #[derive(Clone, Copy, Debug)]
 struct ControlMode {
     /// Whether position control is active; None before the first publication.
@@ -52,7 +52,7 @@ struct ControlMode {
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
-    /// Whether position control is active at `now`; `positions`: the present set-points are positions.
+    /// Whether position control is active at `now`; `positions` is true if the current set-points are positions.
     fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
@@ -68,16 +68,16 @@ pub(super) struct SimulatedFlight {
     config: AutopilotConfig,
     rate_loop: RateLoop,
     chosen: u32,
-    /// Active mode: the chosen one, or the failsafe's.
+    /// Active mode: the commanded mode, or a failsafe's.
     mode: u32,
     armed: bool,
     landed: LandedState,
     received: Option<Received>,
     control_mode: ControlMode,
     track: Option<PositionReference>,
-    /// Number of outer periods.
+    /// Number of outer periods so far.
     period: u32,
-    /// Hold position without a usable set-point, and in modes other than OFFBOARD.
+    /// Hold position, used without a usable set-point and in modes other than OFFBOARD.
     hold: PositionReference,
     /// Destination of the return mode.
     pub(super) home: Vector3<f64>,
@@ -87,7 +87,7 @@ pub(super) struct SimulatedFlight {
     hover_thrust: f64,
     still_s: f64,
     target: AttitudeSetPoint,
-    /// Attitude targets within the dead time, with their start times.
+    /// Attitude targets within the dead time, with the times at which they take effect.
     delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
     in_force: AttitudeSetPoint,
     shaping: InputShaping,
@@ -103,8 +103,8 @@ impl SimulatedFlight {
         self.rate_loop = RateLoop::new(drone, frame);
         self.rate_loop.mixer = mixer;
     }
-    /// An armed drone that holds position in the air in a manual mode; the hover thrust estimate has
-    /// converged to `hover_thrust`. PX4 publishes its control mode from `control_mode` on.
+    /// Armed drone that holds position in the air in a manual mode, with a hover thrust estimate converged to
+    /// `hover_thrust`. PX4 publishes its control mode from the time `control_mode`.
     pub(super) fn new(
         config: &AutopilotConfig,
         drone: &DroneGeometry,
@@ -248,7 +248,7 @@ impl SimulatedFlight {
         }
     }
 
-    /// An attitude set-point takes effect immediately if position control is inactive.
+    /// An attitude set-point takes effect immediately unless position control is active.
     pub(super) fn take(&mut self, newest: FlightReference, now: Time<TrueTime>, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
@@ -272,7 +272,7 @@ impl SimulatedFlight {
             self.target.thrust = (target.thrust / self.tilt_compensation(&target.attitude)).min(1.0);
         }
     }
-    /// Divisor by which ArduCopter raises the thrust of a tilted drone (ATC_ANGLE_BOOST).
+    /// Divisor by which ArduCopter increases the thrust of a tilted drone (ATC_ANGLE_BOOST).
     fn tilt_compensation(&self, attitude: &UnitQuaternion<f64>) -> f64 {
         match self.firmware() {
             Firmware::Px4 => 1.0,
@@ -331,7 +331,7 @@ impl SimulatedFlight {
         let received = self.received.filter(|r| (now - r.at).secs() <= timeout_s);
         if self.firmware() == Firmware::ArduCopter && self.spool_up(received.map(|r| r.newest), estimate, dt)
         {
-            // ArduCopter's landing mode ends on the ground with idling rotors.
+            // ArduCopter's landing mode ends on the ground with motors at idle.
             if self.spool.gives_thrust() {
                 self.detect_landing(estimate, dt);
             }
@@ -346,7 +346,7 @@ impl SimulatedFlight {
                 self.move_hold(estimate, now, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
-                // Without attitude set-points ArduCopter levels and does not climb.
+                // Without attitude set-points ArduCopter levels the drone and commands no climb.
                 let last = self.received.filter(|_| offboard).map(|r| r.newest);
                 if let Some(FlightReference::Attitude(_)) = last {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
@@ -356,8 +356,8 @@ impl SimulatedFlight {
         self.detect_landing(estimate, dt);
     }
 
-    /// Motors of ArduCopter on the ground: off, spinning up when a set-point requests thrust, otherwise idle.
-    /// True while no control loop drives the rotors.
+    /// ArduCopter's motors on the ground: off, spinning up when a set-point requests thrust, otherwise idle.
+    /// Returns true while no control loop drives the rotors.
     fn spool_up(&mut self, newest: Option<FlightReference>, estimate: &Estimate, dt: f64) -> bool {
         let stands = self.landed == LandedState::OnGround;
         let wants = match (self.kind(), newest) {
@@ -379,9 +379,9 @@ impl SimulatedFlight {
         idles
     }
 
-    /// Follows a set-point. After a change of its type, PX4's position control lags: until it learns that it
-    /// is inactive, it and the attitude set-points write targets alternately; until it learns that it is
-    /// active, the last attitude persists.
+    /// Follows a set-point. PX4's position control notices a change of the set-point type with a delay: until
+    /// it notices that it is inactive, it and the attitude set-points write targets alternately; until it
+    /// notices that it is active, the last attitude persists.
     fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
@@ -409,8 +409,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Reacts to set-point loss after COM_OF_LOSS_T: PX4 enters the mode of COM_OBL_RC_ACT and returns to
-    /// OFFBOARD when set-points resume; ArduCopter stays in GUIDED and stops.
+    /// Reacts to set-point loss after COM_OF_LOSS_T: PX4 enters the mode configured by COM_OBL_RC_ACT and
+    /// returns to OFFBOARD when set-points resume; ArduCopter stays in GUIDED and stops.
     fn lose_set_points(&mut self, some: bool, action: f64, estimate: &Estimate) {
         let offboard = self.firmware().mode(self.chosen) == AutopilotMode::Offboard;
         if !offboard || self.firmware() == Firmware::ArduCopter {
@@ -464,8 +464,7 @@ impl SimulatedFlight {
             self.enter(hold, estimate);
         }
     }
-    /// Precision landing: moves the hold point towards a fresh landing target, at a speed proportional to the
-    /// distance.
+    /// Precision landing: moves the hold point towards a fresh landing target at a speed proportional to the distance.
     fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
         let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
             return;
@@ -477,13 +476,13 @@ impl SimulatedFlight {
     }
     fn sink(&mut self, estimate: &Estimate, dt: f64) {
         self.hold.velocity.z = self.config.land_mps;
-        // The hold point leads by at most 1 m, so that ground contact unloads the rotors.
+        // The hold point leads by at most 1 m, which lets ground contact unload the rotors.
         self.hold.position.z =
             (self.hold.position.z + self.config.land_mps * dt).min(estimate.position.z + 1.0);
     }
 
-    /// Hover thrust from the lift at the present thrust, `T_h = T g / f_lift`, smoothed (PX4's hover thrust
-    /// estimator with a fixed gain). Not updated on the ground or during shocks.
+    /// Estimates the hover thrust from the lift at the current thrust, `T_h = T g / f_lift`, smoothed (PX4's
+    /// hover thrust estimator with a fixed gain). Paused on the ground and during shocks.
     fn estimate_hover(&mut self, e: &Estimate, dt: f64) {
         let lift = -e.specific_force.z;
         if self.landed == LandedState::OnGround
@@ -497,14 +496,14 @@ impl SimulatedFlight {
         self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
     }
 
-    /// Simplified land detector of PX4: low thrust and low speed for 1 s. The landing mode then disarms.
+    /// PX4's land detector, simplified: low thrust and low speed for 1 s. The landing mode then disarms.
     fn detect_landing(&mut self, e: &Estimate, dt: f64) {
         let quiet = self.target.thrust < 0.6 * self.hover_thrust
             && e.velocity.z.abs() < 0.25
             && e.velocity.xy().norm() < 0.5
             && e.rates.norm() < 0.35;
         self.still_s = if quiet { self.still_s + dt } else { 0.0 };
-        // ArduCopter stays landed until the throttle exceeds half of hover (`get_non_takeoff_throttle`).
+        // ArduCopter stays landed until the throttle exceeds half the hover throttle (`get_non_takeoff_throttle`).
         let stays = self.firmware() == Firmware::ArduCopter
             && self.landed == LandedState::OnGround
             && self.target.thrust <= 0.5 * self.hover_thrust;
@@ -519,8 +518,8 @@ impl SimulatedFlight {
         }
     }
 
-    /// Inner loops, one step of `dt`; None if the motors are stopped. They use the true state plus the last
-    /// estimate's errors, which hardly change within an outer period.
+    /// One step of the inner loops over `dt`; None if the motors are stopped. They use the true state plus
+    /// the last estimate's errors, which hardly change within an outer period.
     pub(super) fn inner(
         &mut self,
         errors: &SimulatedErrors,
@@ -554,7 +553,7 @@ impl SimulatedFlight {
         )
     }
 
-    /// The newest target older than the dead time.
+    /// Newest target whose dead time has passed.
     fn active_target(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {

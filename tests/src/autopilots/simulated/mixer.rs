@@ -1,23 +1,22 @@
-//! Mixers of PX4 and ArduCopter: rotor commands for a collective thrust and moments, with priorities at
-//! saturation, as fractions of a rotor's maximum thrust.
+//! Mixers of PX4 and ArduCopter: rotor commands (fractions of a rotor's maximum thrust) for a collective
+//! thrust and moments, with each firmware's priorities at saturation.
 
 use crate::physics::drone::{MAX_ROTORS, RotorFrame};
 
-/// Excess over a rotor's range that yaw may request before it is reduced; at the upper end, thrust is reduced
-/// instead.
+/// Maximum excess over a rotor's range that yaw may cause; at the upper end, the thrust is reduced to make room.
 const YAW_MARGIN: f64 = 0.15;
 const ROUNDING: f64 = 1e-9;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Mixer {
     Px4 {
-        /// MC_AIRMODE 1: roll and pitch may raise the collective thrust.
+        /// MC_AIRMODE 1: roll and pitch may increase the collective thrust.
         airmode: bool,
     },
     ArduCopter {
         hover: f64,
-        /// Upper bound of a collective thrust that roll and pitch raise: 0 the wanted thrust, 1 that of a
-        /// hover (ATC_THR_MIX_MIN).
+        /// Upper bound of the collective thrust when roll and pitch increase it: 0 keeps the requested
+        /// thrust, 1 allows the hover thrust (ATC_THR_MIX_MIN).
         mix: f64,
     },
 }
@@ -30,7 +29,7 @@ pub struct Mixed {
 }
 
 impl Mixer {
-    /// Rotor commands for the collective `thrust` and the changes per rotor by roll and pitch (`tilt`) and by
+    /// Rotor commands for the collective `thrust` and the per-rotor changes for roll and pitch (`tilt`) and
     /// yaw (`turn`). Entries beyond the frame's rotors are zero.
     pub fn mix(
         self,
@@ -65,7 +64,7 @@ impl Mixer {
 }
 
 /// PX4's `ControlAllocationSequentialDesaturation`: reduces roll, pitch and yaw, in this order, until all
-/// rotors are within their range. Without air mode, thrust is never raised.
+/// rotors are within their range. Without air mode, thrust is never increased.
 fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], airmode: bool) -> Vec<f64> {
     let [roll, pitch, yaw] = axes;
     let less_thrust = [-1.0; MAX_ROTORS];
@@ -79,9 +78,8 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     out
 }
 
-/// Moves `out` along `axis` towards the range from 0 to `most`, twice, the second time by half; with
-/// `forward` never backward. Rotors that the axis does not drive (two of a hexarotor in pitch) stay
-/// saturated.
+/// Moves `out` along `axis` into the range from 0 to `most`, in two passes, the second with half the gain; `forward`
+/// forbids negative moves. Rotors that the axis does not drive (two of a hexarotor in pitch) stay saturated.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
         let (mut low, mut high) = (0.0_f64, 0.0_f64);
@@ -103,8 +101,8 @@ fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: boo
     out.iter_mut().zip(axis).for_each(|(o, a)| *o += second * a);
 }
 
-/// ArduCopter's `AP_MotorsMatrix`: roll and pitch raise the collective thrust up to `raised`; beyond that,
-/// one factor scales both down. Yaw gets the remaining range.
+/// ArduCopter's `AP_MotorsMatrix`: roll and pitch increase the collective thrust up to `raised`; beyond that,
+/// a common factor scales both down. Yaw gets the remaining range.
 fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64> {
     let base = raised.min(0.5);
     let room = |t: f64, y: f64| {
@@ -200,7 +198,7 @@ mod tests {
 
     #[test]
     fn px4_mixer_without_air_mode_at_little_thrust() {
-        // Pitch alone would use the whole range; roll, a quarter of pitch, is dropped.
+        // Pitch alone uses the whole range, so roll, which needs a quarter of pitch's, is dropped.
         let m = mix(PX4, 0.1, [0.05, 0.2, 0.0]);
         assert!(near(given(&m), [0.1, 0.0, 0.1, 0.0]), "{:?}", given(&m));
         assert!(m.saturated[0] && m.saturated[1]);

@@ -1,10 +1,10 @@
-//! The simulated autopilot of trials, tests and live landings. It imitates PX4 or ArduCopter: MAVLink in and
-//! out, and rotor commands from an imperfect estimate of the drone's true motion.
+//! The simulated autopilot for trials, tests and live landings. It imitates PX4 or ArduCopter: it exchanges
+//! MAVLink messages, and commands the rotors from an imperfect estimate of the drone's true motion.
 //!
 //! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and reports.
 //! [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`] modes, failsafes,
 //! position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the inner loops; [`spool`] the
-//! motors after arming; [`estimator`] its sensors; [`alignment`] its start; [`arming`] the arming checks.
+//! motors after arming; [`estimator`] the sensors; [`alignment`] the start-up; [`arming`] the arming checks.
 
 mod alignment;
 mod arming;
@@ -50,29 +50,28 @@ pub use modes::{mode_number, own_mission as own_mission_mode};
 const OUTER: Span = Span::from_millis(10);
 /// Steps of the inner loops in that period.
 pub const INNER_PER_OUTER: u32 = 5;
-/// Phase of the outer loops in the first period: their report arrives just before the next period of a
-/// lock-step computer. On a real computer the report itself wakes the process.
+/// Phase of the outer loops in the first period. Their report arrives just before the next period of a
+/// lock-step computer; on a real computer the report itself wakes the process.
 const PHASE: Span = Span::from_millis(6);
-/// Time that a toggling gauge spends on each side, s.
+/// Time that a toggling battery gauge holds each value, s.
 const TOGGLES_S: f64 = 20.0;
 const MAX_COMMANDS: usize = 1000;
 
-/// Fields that a test changes are public.
+/// Tests change the public fields.
 pub struct SimulatedAutopilot {
     pub address: Address,
     /// Origin of the autopilot's NED, with its height above the sea.
     pub origin: Datum,
-    /// Height of the sea above the ellipsoid, m; needs a receiver that reports both heights.
+    /// Height of the sea above the ellipsoid, m; known only from a receiver that reports both heights.
     pub geoid_m: Option<f64>,
     pub gnss_ellipsoid: bool,
-    /// Distance of the hull's steel, which disturbs the compass, m.
+    /// Distance from the hull's steel, which disturbs the compass, m.
     pub steel_m: f64,
     /// Origin of the true NED; None: the autopilot's origin.
     place: Option<Datum>,
-    /// Requests for other parameters remain unanswered.
+    /// Parameters by name; requests for any other parameter remain unanswered.
     pub parameters: BTreeMap<&'static str, f64>,
     pub range_limits_m: [f64; 2],
-    /// Newest reading, and its time of measurement.
     range: Option<(Time<TrueTime>, RangeSample)>,
     pub resets: u8,
     /// True charge of the battery, 0 to 1.
@@ -80,27 +79,23 @@ pub struct SimulatedAutopilot {
     /// Hover time with a full battery, s.
     pub endurance_s: f64,
     pub battery_reported: bool,
-    /// Fault: gauge and voltage freeze at the first value, or toggle between it and one that is higher by the
-    /// second.
+    /// Fault: gauge and voltage freeze at the first value, or toggle between it and a value that is higher by
+    /// the second.
     pub battery_report: Option<[f64; 2]>,
-    /// Fault: the autopilot sends nothing.
     pub silent: bool,
-    /// Fault: answer to every command, which is not executed.
+    /// Fault: every command is answered with this result and not executed.
     pub answer: Option<CommandResult>,
-    /// Fault: the autopilot does not arm, and reports this text.
     pub arming_fault: Option<&'static str>,
     /// Home position, with its height above the sea; None until a command sets it.
     pub home: Option<Datum>,
-    /// Fault: the autopilot does not send messages with these ids.
+    /// Fault: messages with these ids are not sent.
     pub muted: Vec<u32>,
-    /// Fault: reported landed state, whatever the detector finds.
+    /// Fault: this landed state is reported regardless of the detector.
     pub landed_report: Option<LandedState>,
     pub no_origin: bool,
     /// Channels of the remote control, us; None: no receiver.
     pub channels: Option<[u16; 18]>,
-    /// Fault: the remote control's signal is lost.
     pub remote_control_lost: bool,
-    /// Fault: the ground station's heartbeats have ceased.
     pub data_link_lost: bool,
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
     pub set_points: u32,
@@ -119,7 +114,7 @@ pub struct SimulatedAutopilot {
     force: (Vector3<f64>, f64),
     streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
-    /// State of the own mission that PX4 sent last, and when.
+    /// Last state of PX4's own mission that was sent, and the time of sending.
     reported_mission: Option<(Time<TrueTime>, u8)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
@@ -127,9 +122,9 @@ pub struct SimulatedAutopilot {
 }
 
 impl SimulatedAutopilot {
-    /// An autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged.
-    /// `hover`: collective thrust of a hover, as a fraction of the nominal maximum. Sensor errors use the
-    /// streams `drone.*`, the clock uses `autopilot.clock`.
+    /// Autopilot in a pilot's position mode, armed in the air at `truth`, with its estimator converged.
+    /// `hover` is the collective thrust in hover, as a fraction of the nominal maximum. Sensor errors use the
+    /// random streams `drone.*`, the clock uses `autopilot.clock`.
     pub fn new(
         config: &AutopilotConfig,
         navigation: &NavigationConfig,
@@ -196,7 +191,7 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Signs messages, and accepts only signed ones, if there is a key.
+    /// With a key, signs messages and accepts only signed ones.
     pub fn set_signing(&mut self, signing: Option<Signing>) {
         self.decoder = Decoder::signed(signing.clone());
         self.encoder = Encoder::signed(signing);
@@ -204,8 +199,8 @@ impl SimulatedAutopilot {
     pub fn set_frame(&mut self, drone: &DroneGeometry, frame: RotorFrame) {
         self.flight.set_frame(drone, frame);
     }
-    /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), that of the true NED
-    /// to `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
+    /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), the origin of the
+    /// true NED to `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
         (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
         self.origin = Datum {
@@ -213,11 +208,10 @@ impl SimulatedAutopilot {
             ..origin
         };
     }
-    /// Passes a reading of the rangefinder, measured at `at`.
     pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
         self.range = Some((at, sample));
     }
-    /// Restarts the autopilot as if just switched on, at a random time before or after our processes. It
+    /// Restarts the autopilot as if just switched on, at a random time before or after Alight's processes. It
     /// aligns its heading after its origin is known.
     pub fn start(&mut self, streams: &Streams) {
         self.unaligned = Some(Unaligned::drawn(streams, self.now));
@@ -225,19 +219,18 @@ impl SimulatedAutopilot {
     pub fn is_aligned(&self) -> bool {
         self.unaligned.is_none()
     }
-    /// Resets the estimated position by `by`, m; `counted`: the reset counter is incremented.
+    /// Resets the estimated position by `by`, m; `counted` increments the reset counter.
     pub fn reset_position(&mut self, by: &Vector3<f64>, counted: bool) {
         self.estimator.reset_position(by);
         self.resets = self.resets.wrapping_add(u8::from(counted));
     }
-    /// Adds `by_rad` to the heading error; the reset counter is incremented.
     pub fn reset_heading(&mut self, by_rad: f64) {
         self.estimator.reset_heading(by_rad);
         self.resets = self.resets.wrapping_add(1);
     }
 
-    /// One step at the drone's true state, with the messages that have arrived. Returns rotor commands as
-    /// fractions of the nominal maximum; None if motors are off.
+    /// Advances one step at the drone's true state, with the messages that have arrived. Returns rotor
+    /// commands as fractions of the nominal maximum; None if the motors are off.
     pub fn step(&mut self, truth: &PlantState, arrived: &[MavlinkMessage]) -> Option<[f64; MAX_ROTORS]> {
         let dt = (truth.at - self.now).secs();
         self.now = truth.at;
@@ -254,17 +247,16 @@ impl SimulatedAutopilot {
         let motors = self.flight.inner(self.estimator.errors(), truth, dt);
         motors.filter(|_| !self.is_empty())
     }
-    /// An empty battery stops the motors, whatever the autopilot commands.
+    /// An empty battery stops the motors regardless of the autopilot's commands.
     pub fn is_empty(&self) -> bool {
         self.battery <= 0.0
     }
-    /// Charge that gauge and voltage show.
+    /// Charge reported by gauge and voltage, 0 to 1.
     fn shown_charge(&self) -> f64 {
         let [charge, toggles_by] = self.battery_report.unwrap_or([self.battery, 0.0]);
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
-    /// One step with the bytes of a wire in both directions.
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,
@@ -278,7 +270,6 @@ impl SimulatedAutopilot {
         let encoded = sent.iter().filter_map(|m| self.encoder.frame(self.address, m));
         (motors, encoded.collect())
     }
-    /// Messages that the autopilot has sent since the last call.
     pub fn sent(&mut self) -> Vec<MavlinkMessage> {
         let sent = core::mem::take(&mut self.outbox);
         let boots = self.unaligned.is_some_and(|u| u.boots(self.now));
@@ -306,14 +297,14 @@ impl SimulatedAutopilot {
     pub fn upload(&mut self, items: Vec<Vector3<f64>>) {
         self.flight.own.upload(items);
     }
-    /// Moves the pilot's mode switch; true if the autopilot entered the mode.
+    /// Moves the pilot's mode switch; returns true if the autopilot entered the mode.
     pub fn choose(&mut self, mode: u32) -> bool {
         if !self.is_aligned() && self.firmware().mode(mode) == AutopilotMode::Offboard {
             return false;
         }
         self.flight.choose(mode, self.estimator.now(), self.now)
     }
-    /// The mode that was chosen last; the active mode may be that of a failsafe.
+    /// Mode commanded last; a failsafe's mode may be active instead.
     pub fn chosen(&self) -> u32 {
         self.flight.chosen()
     }
@@ -329,14 +320,13 @@ impl SimulatedAutopilot {
     pub fn arm(&mut self, armed: bool) {
         self.flight.arm(armed, self.estimator.now());
     }
-    /// Position that the pilot holds in manual modes, in the autopilot's NED, m.
+    /// Sets the position that the pilot holds in manual modes, in the autopilot's NED, m.
     pub fn hold_at(&mut self, position: Vector3<f64>) {
         self.flight.hold_at(position);
     }
     pub fn thrust(&self) -> f64 {
         self.flight.thrust()
     }
-    /// Attitude reference of the inner loops.
     pub fn wanted(&self) -> UnitQuaternion<f64> {
         self.flight.wanted()
     }
@@ -359,12 +349,11 @@ impl SimulatedAutopilot {
     fn own_time(&self) -> Time<DroneClock> {
         self.clock.read(self.now)
     }
-    /// Whether a failsafe has replaced OFFBOARD (GUIDED) by another mode.
+    /// Whether a failsafe has replaced OFFBOARD (GUIDED) with another mode.
     pub fn holds_by_itself(&self) -> bool {
         let chosen = self.firmware().mode(self.chosen());
         chosen == AutopilotMode::Offboard && !self.in_offboard()
     }
-    /// Whether the active mode is OFFBOARD (GUIDED).
     pub fn in_offboard(&self) -> bool {
         self.firmware().mode(self.mode()) == AutopilotMode::Offboard
     }

@@ -1,5 +1,3 @@
-//! Mode numbers of the firmwares.
-
 use alight_shared::msg::AutopilotMode;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 

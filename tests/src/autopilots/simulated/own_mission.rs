@@ -1,15 +1,13 @@
 //! The firmware's own mission (PX4 Mission, ArduCopter AUTO): waypoints visited in order.
 //!
-//! After the last waypoint PX4 enters Hold, and reports a complete mission until the next start. ArduCopter
-//! hovers there in AUTO, and starts again after a disarm.
+//! After the last waypoint PX4 enters Hold and reports a complete mission until the next start. ArduCopter
+//! hovers at that waypoint in AUTO, and restarts the mission after a disarm.
 
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::own_mission::COMPLETE;
 use nalgebra::Vector3;
 
-/// Speed between waypoints, m/s.
 const SPEED_MPS: f64 = 5.0;
-/// Distance within which a waypoint is reached, m.
 const REACHED_M: f64 = 2.0;
 
 #[derive(Clone, Debug, Default)]
@@ -17,7 +15,7 @@ pub(super) struct OwnFlight {
     /// Waypoints in the autopilot's NED, m.
     items: Vec<Vector3<f64>>,
     next: usize,
-    /// Newest waypoint that was reached and not reported.
+    /// Newest waypoint that was reached but not yet reported.
     reached: Option<u16>,
 }
 
@@ -69,7 +67,7 @@ impl OwnFlight {
     pub(super) fn reached(&mut self) -> Option<u16> {
         self.reached.take()
     }
-    /// `MISSION_CURRENT`: number of items, and the state; `flies`: the mission's mode is active.
+    /// Fields of `MISSION_CURRENT`: number of items, and state; `flies` is true while the mission's mode is active.
     pub(super) fn report(&self, flies: bool) -> (u16, u8) {
         let total = match self.items.len() {
             0 => u16::MAX,

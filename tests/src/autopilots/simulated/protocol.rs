@@ -1,4 +1,4 @@
-//! The autopilot's end of MAVLink, as in PX4 and ArduCopter (denials, requested rates, parameters, forced disarm).
+//! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced disarm.
 
 use std::collections::BTreeMap;
 
@@ -20,14 +20,14 @@ use super::reference::FlightReference;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
 use crate::physics::drone::{AutopilotConfig, LossAction};
 
-/// Voltage of an empty battery of four cells, and what a full one adds, V.
+/// Voltage of an empty four-cell battery, and the increase to a full one, V.
 const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
-/// Period at which CURRENT_MODE is sent while the mode is unchanged.
+/// Period of CURRENT_MODE while the mode is unchanged.
 const MODE_PERIOD: Span = Span::from_millis(500);
 const RANGE_LASTS: Span = Span::from_millis(100);
 const MISSION_PERIOD: Span = Span::from_millis(1000);
-/// PX4's parameters that are integers.
+/// Integer parameters of PX4.
 const INTEGERS: [&str; 8] = [
     "COM_OBL_RC_ACT",
     "MC_AIRMODE",
@@ -76,8 +76,8 @@ pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
             ("COM_OBL_RC_ACT", action),
             ("MPC_ACC_UP_MAX", 8.0),
             ("MC_AIRMODE", 0.0),
-            // When the remote control is lost, PX4 returns, except in OFFBOARD; a lost data link has no
-            // effect.
+            // When the remote control is lost, PX4 returns home unless it is in OFFBOARD; a lost data link
+            // has no effect.
             ("NAV_RCL_ACT", 2.0),
             ("COM_RCL_EXCEPT", 4.0),
             ("NAV_DLL_ACT", 0.0),
@@ -135,8 +135,7 @@ impl SimulatedAutopilot {
             .metres_per_map_metre(self.firmware().map_radius_m());
         Vector3::new(north, east, 1.0)
     }
-    /// Position that the firmware reports for a true position (m): relative to its origin, on a spherical
-    /// Earth.
+    /// Position that the firmware reports for a true position (m): relative to its origin, on a spherical Earth.
     fn on_map(&self, position: &Vector3<f64>) -> Vector3<f64> {
         let at = self
             .place
@@ -144,7 +143,6 @@ impl SimulatedAutopilot {
         let local = at.map_or(*position, |at| self.ellipsoid_origin().to::<DroneNed>(&at).0);
         local.component_div(&self.map_scale())
     }
-    /// Inverse of `on_map`.
     fn off_map(&self, reported: &Vector3<f64>) -> Vector3<f64> {
         let local = reported.component_mul(&self.map_scale());
         self.place.map_or(local, |place| {
@@ -232,11 +230,11 @@ impl SimulatedAutopilot {
             _ => {}
         }
     }
-    /// Handles a landing target as each firmware does. PX4
-    /// (`MavlinkReceiver::handle_message_landing_target`): a valid position must be in MAV_FRAME_LOCAL_NED;
-    /// another frame causes a critical text. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`): the frame must be
-    /// MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD; another causes one text. It uses only the direction
-    /// `position / distance` of a valid position, and drops a message without a positive distance.
+    /// Handles a landing target as each firmware does. PX4 (`MavlinkReceiver::handle_message_landing_target`)
+    /// accepts a valid position only in MAV_FRAME_LOCAL_NED; any other frame causes a critical text.
+    /// ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD; any
+    /// other frame causes a single text. It uses only the direction `position / distance` of a valid
+    /// position, and drops a message without a positive distance.
     fn take_target(&mut self, t: &LandingTarget) {
         let e = self.estimator.now();
         let (_, _, yaw) = e.attitude.euler_angles();
@@ -295,7 +293,7 @@ impl SimulatedAutopilot {
                     (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
                     | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
                     (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
-                    // Accepted, but heartbeats keep their own rate.
+                    // Accepted without effect: heartbeats keep their own rate.
                     (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
@@ -358,8 +356,8 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Enters the failsafe mode of a lost remote control or data link, which stays active until another is
-    /// chosen.
+    /// Enters the failsafe mode for a lost remote control or data link. It stays active until another mode is
+    /// commanded.
     pub(super) fn lose_connections(&mut self) {
         let offboard = self.in_offboard();
         let mode = match self.firmware() {
@@ -377,7 +375,7 @@ impl SimulatedAutopilot {
                 remote.or(mode(self.parameter("NAV_DLL_ACT")).filter(|_| self.data_link_lost))
             }
             Firmware::ArduCopter => {
-                // Continue in GUIDED: bit 2.
+                // Bit 2: continue in GUIDED.
                 let exempt = offboard && self.parameter("FS_OPTIONS") as u32 & 4 != 0;
                 let mode = |action: f64| match action as u32 {
                     1 | 2 | 4 => Some(AutopilotMode::Return),
@@ -399,7 +397,7 @@ impl SimulatedAutopilot {
         let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
         MavlinkMessage::MissionCurrent { total, state }
     }
-    /// Reports reached items and, for PX4, the state once a second and on change.
+    /// Reports reached items and, for PX4, the state once per second and on change.
     fn report_own_mission(&mut self) {
         if self.flight.own.is_empty() {
             return;
@@ -428,7 +426,7 @@ impl SimulatedAutopilot {
                 continue;
             }
             if which == id::CURRENT_MODE {
-                // On change, and twice a second with the vehicle's state.
+                // Sent on change, and twice per second with the vehicle's state.
                 let mode = self.mode();
                 let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
                 if self.reported_mode.is_some_and(recent) {
@@ -516,8 +514,8 @@ impl SimulatedAutopilot {
                     .then_some(EMPTY_V + FULL_V * self.shown_charge()),
                 current_a: None,
             },
-            // Without a signal, PX4's receiver counts as absent. ArduCopter's counts as unhealthy, and its
-            // channels have the failsafe's values.
+            // Without a signal, PX4 reports the receiver as absent. ArduCopter reports it as unhealthy, with
+            // the failsafe's channel values.
             id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
             id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
                 count: 18,

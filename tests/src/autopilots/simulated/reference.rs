@@ -1,4 +1,4 @@
-//! Set-points as references for the flight of the simulated autopilot.
+//! Conversion of set-points into references for the simulated autopilot.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

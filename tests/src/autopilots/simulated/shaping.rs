@@ -1,11 +1,11 @@
 //! ArduCopter's input shaping and attitude loop (`AC_AttitudeControl::input_quaternion`). The vehicle follows
-//! a target, which moves towards the set-point with limited acceleration and whose rates are fed forward.
+//! a target that moves towards the set-point with limited acceleration and whose rates are fed forward.
 //!
-//! About each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and
-//! the limit `a` (ATC_ACCEL_R_MAX), the wanted rate is `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² /
-//! 2))` beyond `|e| = a tc²`. The target's rate approaches `w_d` by at most `a dt` per step. The vehicle
-//! follows by `w = w_target + P e_target` (ATC_ANG_RLL_P). The response to more than a few degrees is
-//! therefore slower than `tc`; a linear model describes this as dead time.
+//! For each axis, with the error `e` from target to set-point, the time constant `tc` (ATC_INPUT_TC) and the
+//! limit `a` (ATC_ACCEL_R_MAX), the desired rate is `w_d = e / tc`, or `sign(e) sqrt(2 a (|e| - a tc² / 2))`
+//! beyond `|e| = a tc²`. The target's rate approaches `w_d` by at most `a dt` per step, and the vehicle's
+//! rate is `w = w_target + P e_target` (ATC_ANG_RLL_P). The response to more than a few degrees is therefore
+//! slower than `tc`; a linear model describes this as dead time.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -26,7 +26,6 @@ pub(super) struct InputShaping {
 }
 
 impl InputShaping {
-    /// A target at rest.
     pub(super) fn at(attitude: UnitQuaternion<f64>) -> InputShaping {
         InputShaping {
             attitude,
@@ -35,7 +34,7 @@ impl InputShaping {
     }
 
     /// Moves the target towards `to` over `dt` with the time constant `tc` (s) and at most `max_yaw_rate`
-    /// (rad/s). Returns body rates for a vehicle at `is`, rad/s.
+    /// (rad/s). Returns body rates for a vehicle at the attitude `is`, rad/s.
     pub(super) fn step(
         &mut self,
         to: &AttitudeSetPoint,
@@ -45,7 +44,7 @@ impl InputShaping {
         dt: f64,
     ) -> Vector3<f64> {
         let error = (self.attitude.inverse() * to.attitude).scaled_axis();
-        // ArduCopter 4.6 and 4.7 lead the attitude by the rates, but rotate the rates once too often.
+        // ArduCopter 4.6 and 4.7 use the rates to lead the attitude, but rotate them once too often.
         let lead = to.attitude * to.rates + Vector3::z() * to.yaw_rate;
         for i in 0..3 {
             let limit = MAX_ACCELERATION[i];
@@ -78,19 +77,19 @@ fn towards(error: f64, tc: f64, limit: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Set-points of 20 s, with the target and attitude that ArduCopter 4.7-dev logged at default parameters
+    /// 20 s of set-points, with the target and attitude that ArduCopter 4.7-dev logged at default parameters
     /// (real firmware in simulation), deg.
     const FLIGHT: &str = include_str!("../../../flights/arducopter-oscillating.csv");
     /// Lag of rate loop and motors in that log, s.
     const RATE_LAG_S: f64 = 0.08;
 
-    /// None for empty columns.
+    /// Parses a line; empty columns become None.
     fn row(line: &str) -> Option<[Option<f64>; 7]> {
         let values: Vec<Option<f64>> = line.split(',').map(|v| v.parse().ok()).collect();
         values.try_into().ok()
     }
 
-    /// Root mean squares of the logged target and attitude, and errors of the replayed ones, deg.
+    /// Root mean square of the logged target and attitude, and of the replay's errors, deg.
     fn replayed() -> [[f64; 2]; 2] {
         let dt = 0.0025;
         let mut set: Option<[f64; 2]> = None;

@@ -1,12 +1,10 @@
 //! ArduCopter's motors after arming (`AP_MotorsMulticopter::output_logic`): they stand still for
-//! ARMING_DELAY_SEC, a build-time constant, then spin up to idle within MOT_SPOOL_TIME once thrust is
-//! requested, and then produce thrust. Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp
-//! to 1020 us in 0.5 s, the requested output one report later. Until then `ATTITUDE_TARGET` has no thrust and
-//! the landed state is "on ground". PX4's motors respond immediately.
+//! ARMING_DELAY_SEC, a build-time constant, spin up to idle within MOT_SPOOL_TIME once thrust is requested,
+//! and then produce thrust. Measured with ArduCopter 4.7-dev: outputs of 1000 us for 2.0 s, a ramp to 1020 us
+//! in 0.5 s, and the requested output one report later. Until then `ATTITUDE_TARGET` has zero thrust and the
+//! landed state is "on ground". PX4's motors respond immediately.
 
-/// ARMING_DELAY_SEC, s.
 const ARMING_DELAY_S: f64 = 2.0;
-/// MOT_SPOOL_TIME, s.
 const SPOOL_S: f64 = 0.5;
 /// Pulse widths of a motor: off, idle, full thrust, us.
 pub(super) const PULSE_OFF_US: f64 = 1000.0;
@@ -31,7 +29,7 @@ impl Spool {
             ratio: 0.0,
         }
     }
-    /// Advances by `dt` (s); `wants`: thrust is requested.
+    /// Advances by `dt` (s); `wants` is true if thrust is requested.
     pub(super) fn step(&mut self, wants: bool, dt: f64) {
         self.armed_s += dt;
         if wants && self.armed_s > ARMING_DELAY_S {
@@ -55,7 +53,7 @@ impl Spool {
 mod tests {
     use super::*;
 
-    /// Values: ArduCopter's log of a take-off.
+    /// Expected values are from ArduCopter's log of a take-off.
     #[test]
     fn motors_after_arming() {
         let mut spool = Spool::begun();

@@ -14,7 +14,7 @@ const TICK: Span = Span::from_millis(10);
 const DT: f64 = 0.01;
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];
 
-/// No errors and no noise, to test control alone.
+/// Configuration without errors and noise, to test control alone.
 fn ideal(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -24,7 +24,6 @@ fn ideal(firmware: Firmware) -> DroneConfig {
     c
 }
 
-/// A drone with its autopilot, and a deck at rest.
 struct Flown {
     drone: SimulatedDrone,
     a: SimulatedAutopilot,
@@ -60,7 +59,6 @@ impl Flown {
             impacts: Vec::new(),
         }
     }
-    /// A drone in OFFBOARD whose set-points hold its position.
     fn offboard(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
         let mut f = Flown::new(c, seed, position);
         f.fly(1.2, |_| Some(track(position, [0.0; 3], [0.0; 3])));
@@ -135,7 +133,7 @@ fn hover_with_default_errors_and_gusty_wind() {
         let mut worst: f64 = 0.0;
         for _ in 0..4000 {
             f.tick();
-            // The autopilot's frame drifts with its GNSS.
+            // GNSS errors make the autopilot's frame drift.
             let error = f.position() + f.a.frame_offset() - start - offset;
             worst = worst.max(error.norm());
         }
@@ -144,7 +142,7 @@ fn hover_with_default_errors_and_gusty_wind() {
             (0.01..limit).contains(&worst),
             "seed {seed} wind {wind}: {worst} m"
         );
-        // Hidden errors change the hover thrust, and the estimate finds it.
+        // Hidden errors change the hover thrust, and the estimator identifies it.
         let (found, hover) = (f.a.hover_thrust(), f.drone.hover_thrust());
         let near = (found / hover - 1.0).abs() < 0.03;
         assert!(near || wind > 0.0, "{found} {hover}");
@@ -169,8 +167,8 @@ fn position_step_without_much_overshoot() {
 
 #[test]
 fn circle_as_measured_on_the_firmwares() {
-    // Circle of 4 m at 2 m/s, heave of 0.5 m in 5 s. Firmwares with an external plant: PX4 0.146 m rms,
-    // ArduCopter 0.080 m.
+    // Circle of 4 m radius at 2 m/s with 0.5 m of heave in 5 s. The real firmwares with an external plant:
+    // PX4 0.146 m rms, ArduCopter 0.080 m.
     for (firmware, limits) in [(Firmware::Px4, 0.01..0.3), (Firmware::ArduCopter, 0.01..0.2)] {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(4.0, 0.0, -10.0));
         let (omega, heave) = (0.5_f64, core::f64::consts::TAU / 5.0);
@@ -228,8 +226,8 @@ fn attitude_lag_as_configured() {
     }
 }
 
-/// Range over seeds of the tilt (rad) 0.3 s after a command to tilt by 0.2 rad. The drone receives `first`
-/// for 3 s before.
+/// Range over seeds of the tilt (rad) 0.3 s after a command to tilt by 0.2 rad, with `first` commanded for
+/// the 3 s before.
 fn tilt_after(firmware: Firmware, first: &MavlinkMessage) -> [f64; 2] {
     let tilts = (0..12).map(|seed| {
         let mut f = Flown::offboard(&ideal(firmware), seed, Vector3::new(0.0, 0.0, -10.0));
@@ -247,7 +245,7 @@ fn set_point_kind_changed_between_control_modes() {
     for (firmware, first, late) in [
         (Firmware::Px4, attitude(0.0, 0.34), false),
         (Firmware::ArduCopter, hover.clone(), false),
-        // Position control overwrites attitudes until it learns of the change: immediately, or 0.5 s later.
+        // Position control overwrites attitudes until it notices the change: immediately, or 0.5 s later.
         (Firmware::Px4, hover, true),
     ] {
         let [min, max] = tilt_after(firmware, &first);
@@ -356,7 +354,7 @@ fn remote_control_and_data_link_lost() {
         let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");
-        // Resuming set-points do not end this failsafe.
+        // This failsafe does not end when set-points resume.
         (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
         f.fly(1.0, |_| Some(hold.clone()));
         assert_eq!(f.kind(), expected, "case {k}");

@@ -30,7 +30,7 @@ use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
 struct SolveTime<'a> {
     now: Time<TrueTime>,
-    /// Solve time, unless the law reports another, and what a fault adds.
+    /// Solve time unless the law reports another; `slower` is the addition by a fault.
     delay: Span,
     slower: Span,
     law: &'a OwnReport,
@@ -46,7 +46,7 @@ impl Edge<Planner> for SolveTime<'_> {
     ) -> bool {
         if let Some(plan) = out.plan {
             let delay = self.law.get().solve.unwrap_or(self.delay);
-            // A full delay line drops the plan: it is full only while plans are not read.
+            // A full delay line drops the plan; it fills only while plans are not read.
             let _full = self.plans.push(self.now + delay + self.slower, plan);
         }
         true
@@ -98,13 +98,13 @@ impl SimulatedDroneComputer {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
         if !self.handed_over {
-            // PX4 rejects Offboard without a sustained stream of set-points; the pilot tries again.
+            // PX4 rejects OFFBOARD without a sustained stream of set-points, so the pilot tries again.
             let autopilot = &mut linked.autopilot;
             let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
             self.handed_over = autopilot.choose(offboard);
         }
         linked.autopilot.steel_m = physics.deck_distance_m(self.k);
-        // A frozen process leaves its bytes on the wire.
+        // A frozen process leaves bytes on the wire.
         let frames = if runs { linked.received(t) } else { Vec::new() };
         self.step_link((t, now), frames, observer);
     }
@@ -133,8 +133,8 @@ impl SimulatedDroneComputer {
         let step = link.step(|| now, &mut wire);
         observer.step(t, &step.of(ProcessKind::Autopilot, boot));
     }
-    /// Steps the cameras with images or the measurement models' detections. Passes rangefinder, beacon and
-    /// receiver to the link's wires.
+    /// Steps the cameras with images, or with the measurement models' detections. Passes rangefinder, beacon
+    /// and receiver data to the link's wires.
     pub(super) fn sense(
         &mut self,
         (t, now): Moment,
@@ -229,7 +229,7 @@ impl SimulatedDroneComputer {
     }
 }
 
-/// Steps a row if its process is alive, in `runs`, and has a step due; shows the step to an observer.
+/// Steps a row if its process is alive, in `runs`, and due for a step; shows the step to an observer.
 fn step<N: Installed + Node<Clock = DroneClock>>(
     row: &mut Option<Row<N, LockStep>>,
     (runs, boot): (bool, u32),

@@ -78,7 +78,7 @@ fn judge_of_each_exceeded_limit() {
     let mut up = DOWN;
     up[0][2] = 0.1;
     assert_eq!(run(touch(0.4, 0.0), 0.0, 0.5, up).outcome, Ending::Tipped);
-    // An unsafe trial without an excessive metric has a ratio of at least 1, too.
+    // An unsafe trial whose metrics are all within limits also has a ratio of at least 1.
     let ratio = |o: Outcome| o.limit_ratio;
     assert!((ratio(run(touch(0.4, 0.2), 0.05, 0.5, DOWN)) - 0.4).abs() < 1e-9);
     assert!((ratio(run(touch(1.1, 0.0), 0.0, 0.5, DOWN)) - 1.1).abs() < 1e-9);

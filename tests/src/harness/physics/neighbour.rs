@@ -1,5 +1,5 @@
-//! A second boat with the same tags, moored alongside. It moves with the vessel, and rocks in the waves at
-//! its own position.
+//! A second boat with the same tags, moored alongside. It moves with the vessel, and rolls and pitches in the
+//! waves at its own position.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
 use alight_shared::time::{Span, Time, TrueTime};
@@ -21,7 +21,7 @@ pub(super) struct Neighbour {
 }
 
 impl Neighbour {
-    /// Places the neighbour at the scenario's distance, in a random direction from the stream `neighbour`.
+    /// Places the neighbour at the scenario's distance, in a random direction drawn from the stream `neighbour`.
     pub(super) fn new(
         scenario: &Scenario,
         sea: &Sea,

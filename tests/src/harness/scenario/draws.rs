@@ -1,8 +1,8 @@
 //! Parameter errors of the nodes' configurations (data sheets, tape measures): each seed draws true values
-//! around those of the scenario, which the nodes receive.
+//! around those of the scenario; the nodes keep the scenario's values.
 //!
-//! Mass, thrust, lever arms, misalignment, biases and the camera's mount have keys of their own. Each
-//! parameter has its own random stream `draws/<name>`, so that a new parameter does not shift the others.
+//! Mass, thrust, lever arms, misalignment, biases and the camera's mount have separate keys. Each parameter
+//! has its own random stream `draws/<name>`, so that adding a parameter does not change the others.
 
 use alight_shared::config;
 
@@ -13,42 +13,43 @@ use crate::sensors::noise::Noise;
 config! {
     /// Differences between the simulated world and the nodes' configurations.
     pub struct DrawConfig {
-        /// Draw true parameters; otherwise the world has the scenario's values.
+        /// Draw true parameters; if false, the world has the scenario's values.
         pub on: bool = false;
-        /// Ratio of the true to the stated noise of every sensor, log-uniform between its inverse and itself.
-        /// Chosen: data sheets state typical values; vibration, sky and mounting change them by about half.
+        /// Maximum ratio of the true to the stated noise of every sensor; drawn log-uniformly between its
+        /// inverse and itself.
+        /// Chosen: data sheets state typical values; vibration, sky view and mounting change them by about half.
         pub noise_ratio: f64 = 1.5, in 1.0..=10.0;
         /// Bound of the relative error of the drone's moments of inertia, per axis.
-        /// Chosen: a bifilar pendulum is accurate to a few per cent, a sum over parts to 10 or 20.
+        /// Chosen: a bifilar pendulum is accurate to a few per cent, a sum over parts to 10 or 20 per cent.
         pub inertia_error: f64 = 0.15, in 0.0..=0.8;
         /// Bound of the relative error of the drone's drag.
-        /// Chosen: with and without payload, propellers of another make.
+        /// Chosen: covers flights with and without payload, and propellers of another make.
         pub drag_error: f64 = 0.4, in 0.0..=0.9;
-        /// Range of the attitude lag of a tilt set-point, relative to the nominal lag.
-        /// Source: PX4 0.10 s with a gain of 10 to 12, 0.16 s with its default of 6.5; nominal 0.10 s.
+        /// Range of the attitude lag after a tilt set-point, relative to the nominal lag.
+        /// Source: PX4 0.10 s with a gain of 10 to 12, 0.16 s with its default gain of 6.5; nominal 0.10 s.
         pub attitude_lag_factor: [f64; 2] = [0.9, 1.6], in 0.3..=3.0;
         /// Bound of the relative error of the friction between feet and deck.
-        /// Chosen: wet and dry paint and rubber of one kind.
+        /// Chosen: difference between wet and dry, for one kind of paint and rubber.
         pub friction_error: f64 = 0.25, in 0.0..=0.9;
         /// Standard deviation of each tag's position relative to the printed layout, per axis, m.
-        /// Chosen: sheets laid on printed lines.
+        /// Chosen: sheets placed along printed lines.
         pub tag_place_sd_m: f64 = 0.002, in 0.0..=0.1;
         /// Standard deviation of the position of the deck's centre and tags relative to the measured one, per axis, m.
-        /// Chosen: a tape measure over a boat's length.
+        /// Chosen: measured with a tape over a boat's length.
         pub deck_sd_m: f64 = 0.015, in 0.0..=0.5;
         /// Bound of the relative error of the tag's side.
-        /// Chosen: scaling of a printer.
+        /// Chosen: scaling error of a printer.
         pub tag_error: f64 = 0.004, in 0.0..=0.2;
         /// Bound of the relative error of the autopilot's initial hover thrust.
         /// Source: PX4's MPC_THR_HOVER is set by hand; battery and payload change the true value.
         pub hover_thrust_error: f64 = 0.2, in 0.0..=0.5;
         /// Bound of the relative error of the simulated hull's mass and inertia.
-        /// Chosen: crew, fuel and payload of a boat of 200 kg.
+        /// Chosen: variation of crew, fuel and payload on a boat of 200 kg.
         pub hull_mass_error: f64 = 0.15, in 0.0..=0.5;
         /// Bound of the relative error of the simulated hull's added mass and damping.
-        /// Chosen: the disagreement of model tests and strip theory in roll.
+        /// Chosen: disagreement between model tests and strip theory in roll.
         pub hull_damping_error: f64 = 0.3, in 0.0..=0.8;
-        /// Bound of the relative error of the hulls' radius and distance, which determine the stiffness.
+        /// Bound of the relative errors of the twin hulls' radius and spacing, which determine the stiffness.
         pub hull_shape_error: f64 = 0.04, in 0.0..=0.2;
     }
     check |this, at| {
@@ -87,8 +88,8 @@ impl Draws<'_> {
 }
 
 impl Scenario {
-    /// Enables the draws: true parameters differ from the nodes'. A GNSS mast within the deck moves aft of
-    /// it, in the world and in the vessel's configuration.
+    /// Enables the draws: true parameters differ from the nodes' parameters. A GNSS mast inside the deck's
+    /// outline moves aft of the deck, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;
         let (deck, antenna) = (&self.deck, &mut self.sensors.vessel_gnss.antenna_m);
@@ -119,7 +120,7 @@ impl Scenario {
         world
     }
 
-    /// Moves all tags by `moved` and each by a small random offset; scales them relative to the nodes' size.
+    /// Shifts all tags by `moved` and each tag by a small random offset; scales them relative to the nodes' size.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
         let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
         draws.vary("tag-side", &mut scale, c.tag_error);
@@ -147,7 +148,7 @@ impl Scenario {
         s.vessel_imu.gyro_bias_sd_radps *= factor("vessel-gyro-bias");
         s.vessel_imu.accelerometer_white_sd_mps2 *= factor("vessel-accelerometer");
         s.vessel_imu.accelerometer_bias_sd_mps2 *= factor("vessel-accelerometer-bias");
-        // Receivers and compasses report the accuracy of their data sheet.
+        // Receivers and compasses report their data sheet's accuracy.
         let white = factor("vessel-gnss");
         s.vessel_gnss.error.white_sd_m *= white;
         s.vessel_gnss.error.velocity_sd_mps *= white;

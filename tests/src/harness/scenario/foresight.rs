@@ -1,15 +1,13 @@
-//! Parts of the drone's forecasts that the truth replaces.
-
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TruePart {
-    /// Motion from now on; the present state is estimated.
+    /// Future motion; the current state is estimated.
     #[default]
     Motion,
-    /// Present state; the motion after it is predicted.
+    /// Current state; the motion after it is predicted.
     State,
     Whole,
     /// Motion of the next half second.
@@ -28,9 +26,9 @@ pub enum Dof {
 }
 
 config! {
-    /// Parts of the drone's forecasts that the truth replaces, for an error budget.
+    /// Parts of the drone's forecasts that are replaced by the truth, for an error budget.
     pub struct ForesightConfig {
-        /// True part: "motion" from now on, the present "state", "whole" (both), or "contact" (motion of the
+        /// True part: "motion" from now on, the current "state", "whole" (both), or "contact" (motion of the
         /// next half second).
         pub part: TruePart = TruePart::Motion;
         /// True degrees of freedom; empty: all.

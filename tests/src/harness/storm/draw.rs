@@ -1,5 +1,5 @@
-//! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the
-//! flight's eventful states.
+//! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the most
+//! eventful states of the flight.
 
 use alight_shared::msg::State;
 use alight_uav::autopilot::message::id;
@@ -11,9 +11,9 @@ use crate::physics::streams::Streams;
 use crate::physics::vessel::VesselCourse;
 use crate::sensors::noise::Noise;
 
-/// Percentages of faults at the first entry of their state, and at the first or second.
+/// Cumulative percentages of faults that begin at the first entry of their state, and at the second.
 const ENTRIES: [f64; 2] = [85.0, 95.0];
-/// Messages of the autopilot that a fault may stop.
+/// Messages from the autopilot that a fault may stop.
 const STREAMS: [u32; 9] = [
     id::ATTITUDE_QUATERNION,
     id::LOCAL_POSITION_NED,
@@ -27,7 +27,7 @@ const STREAMS: [u32; 9] = [
 ];
 
 impl Storm {
-    /// `faults`: number of faults, at most 16.
+    /// `faults` is the number of faults, at most 16.
     pub fn drawn(seed: u64, faults: usize) -> Storm {
         let mut noise = Noise::new(&Streams::new(seed), "storm");
         // Rounded values make a list readable.
@@ -55,7 +55,7 @@ impl Storm {
             .filter(|kind| !kind.needs_moving_base() && noise.chance(0.5))
             .collect();
         let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
-        // A separate stream keeps the sea and faults of older landings unchanged.
+        // A separate stream keeps the sea and faults of existing landings unchanged.
         let mut others = Noise::new(&Streams::new(seed), "storm.flight");
         let flight = by_parts(&FlightKind::ALL, FlightKind::parts, others.uniform());
         let flight = flight.copied().unwrap_or_default();
@@ -76,7 +76,7 @@ impl Storm {
         };
         storm.fitted().with_moving_base()
     }
-    /// Gives one storm in six a moving base, which its first fault then affects. Uses a separate stream, so
+    /// Gives one storm in six a moving base, which its first fault then affects. Uses a separate stream so
     /// that other draws do not change.
     fn with_moving_base(mut self) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.moving_base");
@@ -92,10 +92,10 @@ impl Storm {
         }
         self
     }
-    /// Changes the scene to one in which its flight is possible.
+    /// Adapts the scene so that the flight is possible.
     fn fitted(mut self) -> Storm {
         self.drones = self.drones.min(self.flight.most_drones());
-        // Only the radio reports obstacles to the drone, and they belong to the usual hull.
+        // Only the radio informs the drone of obstacles, and the mast is on the usual hull only.
         self.mast &= !self.flight.is_silent();
         match self.flight {
             FlightKind::Landing | FlightKind::Station | FlightKind::Mavlink => {}
@@ -109,7 +109,7 @@ impl Storm {
         }
         self
     }
-    /// Replaces the last fault by this kind in this state; the seed draws times and size.
+    /// Replaces the last fault with this kind in this state; the seed draws times and size.
     #[must_use]
     pub fn aimed(mut self, (kind, state): Pair) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.aimed");
@@ -123,7 +123,6 @@ impl Storm {
     }
 }
 
-/// Kind of fault, and the state in which it begins.
 pub type Pair = (FaultKind, State);
 
 pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
@@ -131,7 +130,7 @@ pub fn pairs(flight: FlightKind) -> impl Iterator<Item = Pair> {
     FaultKind::ALL.iter().flat_map(pairs_of)
 }
 
-/// Rounds to a thousandth, so that a list is reproduced exactly when read.
+/// Rounds to a thousandth, so that a list is reproduced exactly when it is read.
 fn round(v: f64) -> f64 {
     (v * 1e3).round() / 1e3
 }
@@ -145,7 +144,7 @@ fn fault(flight: FlightKind, kinds: &[FaultKind], noise: &mut Noise, others: &mu
     of_kind(kind, row, 1 + later as u8, noise)
 }
 
-/// A fault at the `entry`-th entry of the state. The start of a flight in `Idle` is not an entry.
+/// Fault at the `entry`-th entry of the state. The start of a flight in `Idle` does not count as an entry.
 fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());

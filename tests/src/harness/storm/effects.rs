@@ -15,9 +15,9 @@ use crate::radio::ChannelFault;
 /// Effect of a fault on the world, as a function of its size.
 #[derive(Clone, Copy, Debug)]
 pub enum Effect {
-    /// Applies while the fault lasts.
+    /// Active while the fault lasts.
     Lasting(fn(&mut Failing, f64)),
-    /// Acts at the fault's start, and at its end.
+    /// Called at the fault's start, and at its end.
     Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
 }
 use Effect::{Events, Lasting};
@@ -36,7 +36,7 @@ fn kill(rig: &mut Rig, process: ProcessKind) {
 fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
     rig.world.start(0, process, kept(size));
 }
-/// Lost if the size is 0.5 or more.
+/// Checkpoints are lost if the size is 0.5 or more.
 fn kept(size: f64) -> Checkpoints {
     if size >= 0.5 {
         Checkpoints::Lost
@@ -44,7 +44,7 @@ fn kept(size: f64) -> Checkpoints {
         Checkpoints::Kept
     }
 }
-/// Enters the mode by the pilot's switch or from the ground station.
+/// Enters the mode by the pilot's switch, or from the ground station.
 fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
@@ -59,7 +59,7 @@ fn occupy(rig: &mut Rig, occupied: bool) {
     });
 }
 
-/// Implements [`Effect`] by the last column of `each_kind`.
+/// Implements [`Effect`] from the last column of `each_kind`.
 macro_rules! effects {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         impl FaultKind {

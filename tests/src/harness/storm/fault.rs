@@ -1,5 +1,5 @@
-//! One fault: kind, start, duration and permitted sizes. Nothing here depends on the world, because scenarios
-//! have faults, too.
+//! One fault: kind, start, duration and permitted sizes. This module does not depend on the world, because
+//! scenarios also contain faults.
 
 use alight_shared::config::{ConfigError, Keys};
 use alight_shared::msg::State;
@@ -11,7 +11,7 @@ use super::kinds::FaultKind;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Maximum delay after the state's entry, and maximum duration of a fault in a storm, s.
+/// Maximum delay after entry to the state, and maximum duration of a fault in a storm, s.
 pub(super) const MAX_S: f64 = 60.0;
 const MAX_ENTRY: u8 = 9;
 const CONTACT: &str = "Contact";
@@ -20,10 +20,10 @@ const CONTACT: &str = "Contact";
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     pub kind: FaultKind,
-    /// Start of the delay.
+    /// Moment from which the delay counts.
     #[serde(rename = "state")]
     pub moment: Moment,
-    /// Number of the state's entry in the flight, from 1; a first contact occurs once.
+    /// The entry of the state at which the fault begins, counted from 1; the first contact occurs once.
     #[serde(default = "first")]
     pub entry: u8,
     #[serde(default)]
@@ -31,7 +31,7 @@ pub struct Fault {
     /// Size, in the unit of [`Spec::of`](super::Spec::of).
     #[serde(default)]
     pub size: f64,
-    /// Duration, s; 0: instantaneous. In a scenario, `inf`: permanent.
+    /// Duration, s; 0: instantaneous. In a scenario, `inf` is permanent.
     #[serde(default)]
     pub lasts_s: f64,
 }
@@ -40,7 +40,7 @@ const fn first() -> u8 {
     1
 }
 
-/// Start of a fault's delay; in a list the name of a state, or `Contact`.
+/// Moment from which a fault's delay counts; in a list, the name of a state, or `Contact`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Moment {
@@ -50,8 +50,8 @@ pub enum Moment {
 }
 
 impl Moment {
-    /// Maximum delay of a drawn fault, s: shorter than the usual phase. After the motors stop, it covers a
-    /// disarm that is denied at first.
+    /// Maximum delay of a drawn fault, s: shorter than the usual phase. After the motors stop, it covers the
+    /// time in which a disarm may be denied at first.
     const fn max_delay_s(self) -> f64 {
         match self {
             Moment::In(state) => match state {
@@ -96,14 +96,14 @@ impl From<Moment> for String {
     }
 }
 
-/// Duration of a drawn freeze, s: from below to above the readers' time-outs.
+/// Duration of a drawn freeze, s: from below to above the receivers' time-outs.
 const FROZEN_S: [f64; 2] = [0.2, 2.0];
 /// Downtime of a killed process in lock-step, s. A supervisor restarts it after 0.1 s; on a busy computer the
-/// start takes most of a second.
+/// start-up takes most of a second.
 const AWAY_S: [f64; 2] = [0.15, 1.0];
 
 impl Fault {
-    /// Size 0, at the first entry of the state.
+    /// Fault of size 0 at the first entry of the state.
     pub const fn new(kind: FaultKind, moment: Moment, after_s: f64, lasts_s: f64) -> Fault {
         Fault {
             kind,
@@ -114,7 +114,7 @@ impl Fault {
             lasts_s,
         }
     }
-    /// A process fault within the phase that begins at `moment`; the seed draws delay and duration.
+    /// Process fault within the phase that begins at `moment`; the seed draws delay and duration.
     pub fn drawn(kind: FaultKind, moment: Moment, seed: u64) -> Fault {
         let mut noise = Noise::new(&Streams::new(seed), "fault");
         let after_s = moment.max_delay_s() * noise.uniform();
@@ -122,8 +122,7 @@ impl Fault {
         let lasts_s = shortest + (longest - shortest) * noise.uniform();
         Fault::new(kind, moment, after_s, lasts_s)
     }
-    /// Checks the ranges; `longest_s` is the maximum duration. The error names the value that is out of
-    /// range.
+    /// Checks the ranges; `longest_s` is the maximum duration. The error names the value that is out of range.
     pub(crate) fn check_all(faults: &[Fault], at: &Keys<'_>, longest_s: f64) -> Result<(), ConfigError> {
         for fault in faults {
             let at = at.table(fault.kind.name());
@@ -137,7 +136,7 @@ impl Fault {
         }
         Ok(())
     }
-    /// Start of the fault's moment, s, from the drone's state entries and its first contact.
+    /// Time of the fault's moment, s, from the drone's state entries and its first contact.
     pub(crate) fn moment_s(&self, entered: &[(State, f64)], touched_s: Option<f64>) -> Option<f64> {
         match self.moment {
             Moment::In(state) => {

@@ -1,4 +1,4 @@
-//! Flies a storm: people give orders, faults begin and end, and rules are checked in every tick.
+//! Flies a storm: people give orders, faults begin and end, and the rules are checked in every tick.
 
 use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
 use alight_shared::msg::{ReasonCode, State};
@@ -19,28 +19,28 @@ use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
 
-/// Time after its end for which a fault counts as simultaneous with others, s.
+/// Time after the end of a fault for which it counts as simultaneous with others, s.
 const TOGETHER_S: f64 = 5.0;
-/// Maximum time for an abort from ashore or over MAVLink to reach the mission without other faults, s.
+/// Maximum time in which an abort from ashore or over MAVLink reaches the mission without other faults, s.
 const ASHORE_S: f64 = 2.0;
-/// Minimum duration of a fault that nodes notice, s.
+/// Duration from which nodes notice a fault, s.
 const NOTICED_S: f64 = 1.0;
-/// Time after the last fault for which a drone that gave up waits for the operator, s; its climb takes less.
+/// Time after the last fault for which an aborted drone waits for the operator, s; its climb takes less.
 const GIVEN_UP_S: f64 = 20.0;
 /// Maximum age of a descent that may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;
 
-/// Charge of a drone that waits in our mode, above the level at which the operator must decide.
+/// Charge given to a drone that waits in OFFBOARD (GUIDED), above the level at which the operator must decide.
 const RUNS_LOW: f64 = 0.01;
-/// Maximum time from the setting of that charge to the rest on the deck, s.
+/// Maximum time from setting that charge to the rest on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Flown {
     pub ending: StormEnding,
-    /// Condition for which the drone waits at the end.
+    /// Reason for which the drone waits at the end.
     pub waits_for: Option<String>,
-    /// Ending after a wait in our mode, for a drained battery.
+    /// Ending of a flight whose waiting drone's battery was drained.
     pub came_down: Option<StormEnding>,
     pub violation: Option<Violation>,
     /// Started faults: kind, the mission's state, time after the order, s.
@@ -51,12 +51,11 @@ pub struct Flown {
     pub lasted_s: f64,
 }
 
-/// `show` receives each fault and state as it begins.
+/// `show` is called with each fault and state as it begins.
 pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
     fly_mutant(storm, None, show)
 }
 
-/// `mutant`: defect of the drone's nodes.
 pub fn fly_mutant(
     storm: &Storm,
     mutant: Option<Mutant>,
@@ -84,14 +83,14 @@ struct Run {
     rig: Rig,
     people: People,
     faults: Schedule,
-    /// Number of the first drone's states that `show` has received.
+    /// Number of the first drone's states that were passed to `show`.
     shown: usize,
     watches: Vec<StormWatch>,
     /// Time of the last active fault, s.
     last_s: f64,
     /// Last time at which the drone was not at rest on the deck, s.
     moved_s: f64,
-    /// Last time at which the mission reported a condition of its next step, s.
+    /// Last time at which the mission reported a condition for its next step, s.
     reported_s: f64,
     /// Time from which the battery of a waiting drone runs low, s.
     runs_low_s: Option<f64>,
@@ -128,7 +127,7 @@ impl Run {
         })
     }
 
-    /// One tick, after the orders and faults that are due; true while the flight continues.
+    /// One tick, after the orders and faults that are due; returns true while the flight continues.
     fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
         let t_s = self.rig.t_s();
         if self.rig.entered(0).len() > self.shown {
@@ -166,7 +165,7 @@ impl Run {
         over.is_none()
     }
 
-    /// Drains the battery of a drone that waits in our mode; false in another mode.
+    /// Drains the battery of a drone that waits in OFFBOARD (GUIDED); returns false in another mode.
     fn run_low(&mut self, show: &mut dyn FnMut(f64, &str)) -> bool {
         let reserve = self.rig.nodes.drone.mission.battery_reserve;
         let waiting = self.rig.mission(0).waiting.to_string();
@@ -181,7 +180,7 @@ impl Run {
         self.runs_low_s = Some(t_s);
         true
     }
-    /// Ending after the battery ran low: on the deck, or elsewhere if the deck was not available.
+    /// Ending after the battery ran low: on the deck, or elsewhere if the deck was unavailable.
     fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
         let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
@@ -213,7 +212,6 @@ impl Run {
         }
     }
 
-    /// First rule broken in this tick.
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
         let scene = StormScene {
@@ -224,8 +222,8 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// Ending of the flight, and the rule that a drone broke after enough undisturbed time; None: the flight
-    /// continues.
+    /// Ending of the flight, and the rule broken by a drone that had enough undisturbed time; None: the
+    /// flight continues.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = |f: &Scheduled| f.timer.began_s.is_some() && !f.timer.over;
@@ -247,7 +245,7 @@ impl Run {
         let alone = given_up || t_s > self.last_s.max(people.since_s()) + lively_s;
         let descends = matches!(rig.state(0), State::Descent | State::Flare);
         if !alone || descends && t_s < rig.entered_s(0) + DESCENDS_S {
-            // A flight that ends early lacks undisturbed time, and is not judged.
+            // A flight that ends early lacks undisturbed time and is not judged.
             return (t_s > limit_s).then(|| (end(rig), None));
         }
         Some(
@@ -274,7 +272,6 @@ fn set_up(rig: &mut Rig) {
     }
 }
 
-/// `ordered_s`: time of the last order.
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let newest_s = began().map(|(f, at)| {
@@ -308,8 +305,8 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
     }
 }
 
-/// Times at which the mission received the first and the newest abort, and at which it lost its order by the
-/// first abort or a reported take-over, s. Aborts without effect do not count: a sortie away from the deck
+/// Times at which the mission received the first and the newest abort, and at which the first abort or a
+/// reported take-over withdrew its order, s. Aborts without effect do not count: a sortie away from the deck
 /// has no landing to stop.
 fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Option<f64>) {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
@@ -321,8 +318,8 @@ fn withdrawn(flight: FlightKind, faults: &[Scheduled]) -> ([Option<f64>; 2], Opt
         })
     };
     let received = |at: &f64| !stopped(*at, *at, &FaultKind::stops_mission);
-    // An abort from ashore passes radio, relay and bridge, one over MAVLink the autopilot's wire and the
-    // link. Another fault may have stopped these.
+    // An abort from ashore passes through radio, relay and bridge; an abort over MAVLink passes through the
+    // autopilot's wire and the link. Another fault may block these paths.
     let undisturbed = |at: f64, own: FaultKind| {
         let hides = |k: FaultKind| k != own;
         !stopped(at - ASHORE_S, at + ASHORE_S, &hides)

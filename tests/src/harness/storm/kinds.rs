@@ -1,33 +1,30 @@
-//! Kinds of faults: quantity of the size, ranges of drawn sizes and durations, excused rules, and effect.
-//!
-//! Only `effects.rs` reads the column of effects. Nothing here depends on the world, because scenarios have
-//! faults, too.
+//! Kinds of faults: meaning of the size, ranges of drawn sizes and durations, excused rules, and effect. Only
+//! `effects.rs` reads the column of effects. This module does not depend on the world, because scenarios also
+//! contain faults.
 
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Capability that a fault removes from the drone. It excuses rules for that time.
+/// Capability that the drone loses by a fault, which excuses rules for that time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
-    /// All rules hold.
     Nothing,
-    /// Set-points: the autopilot holds a fixed position, and the deck may rise into the drone.
+    /// Set-points are lost: the autopilot holds a fixed position, and the deck may rise into the drone.
     Command,
     Power,
 }
 
-/// Distribution of a kind, and excused rules.
+/// Drawn ranges of a kind, and the rules that it excuses.
 #[derive(Clone, Copy, Debug)]
 pub struct Spec {
     /// Quantity and unit of the size.
     pub of: &'static str,
     pub size: [f64; 2],
-    /// Range of drawn durations, s.
     pub lasts_s: [f64; 2],
     pub takes: Takes,
 }
 
-/// Uses all columns of `each_kind` but the last.
+/// Uses all columns of `each_kind` except the last.
 macro_rules! names {
     ($($(#[$doc:meta])* $kind:ident, $name:literal, $of:literal, $size:expr, $lasts:expr, $takes:ident, $effect:expr;)*) => {
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -55,18 +52,18 @@ macro_rules! names {
                         | FaultKind::ComputerClockSteps
                 )
             }
-            /// The process that the fault kills or freezes, if it is one.
+            /// Process that the fault kills or freezes, if any.
             pub fn process(self) -> Option<ProcessKind> {
                 STOPS.iter().find(|(kind, ..)| *kind == self).map(|(_, process, _)| *process)
             }
-            /// Whether the process is frozen, and afterwards unaware of the elapsed time.
+            /// Whether the process is frozen and afterwards unaware of the elapsed time.
             pub fn freezes(self) -> bool {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
             }
-            /// Whether the fault affects a moving base; only storms with one draw it.
+            /// Whether the fault affects a moving base and is drawn only for storms with one.
             pub const fn needs_moving_base(self) -> bool {
                 matches!(self, FaultKind::CorrectionsLost | FaultKind::FixLost | FaultKind::FalseFix)
             }
@@ -118,7 +115,7 @@ const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
     (FaultKind::VesselFrozen, ProcessKind::Vessel, Freezes),
 ];
 
-/// Passes the kinds to a macro: name, quantity of the size, size, duration, capability removed, effect.
+/// Passes the kinds to a macro with the columns name, meaning of the size, size, duration, lost capability, effect.
 #[rustfmt::skip]
 macro_rules! each_kind { ($with:ident) => { $with! {
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
@@ -162,10 +159,8 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.frozen.vessel = true);
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
         Events(|r, _| r.restart_vessel(), nothing);
-    /// The vessel's computer and its monotonic clock are suspended.
     VesselSuspended, "vessel-suspended", "", NONE, [0.2, 10.0], Nothing,
         Lasting(|f, _| (f.frozen.vessel, f.clock_rates[0]) = (true, -1.0));
-    /// The drone's computer and its monotonic clock are suspended.
     ComputerSuspended, "computer-suspended", "", NONE, FREEZE, Command,
         Lasting(|f, _| (f.frozen.computer, f.clock_rates[1]) = (true, -1.0));
     VesselClockSteps, "vessel-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
@@ -176,17 +171,15 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.clock_rates[0] += 1e-6 * size);
     RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.radio = [LOST; 2]);
-    /// The radio loses all packets to the drone.
     RadioDeaf, "radio-deaf", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.radio[0] = LOST);
-    /// The radio loses all packets to the vessel.
     RadioMute, "radio-mute", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.radio[1] = LOST);
     RadioLossy, "radio-lossy", "fraction lost", [0.2, 0.9], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.loss = r.loss.max(size)));
     RadioLate, "radio-late", "delay, s", [0.1, 1.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.delay_s = size.max(0.0)));
-    RadioJitter, "radio-jitter", "delay up to, s", [0.02, 0.5], [1.0, 30.0], Nothing,
+    RadioJitter, "radio-jitter", "maximum delay, s", [0.02, 0.5], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.jitter_s = size.max(0.0)));
     RadioDoubled, "radio-doubled", "fraction doubled", [0.2, 1.0], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.radio.iter_mut().for_each(|r| r.doubled = size));
@@ -199,7 +192,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.vessel.gnss_lost = true);
     VesselHeadingLost, "vessel-heading-lost", "", NONE, [0.5, 20.0], Nothing,
         Lasting(|f, _| f.vessel.heading_lost = true);
-    /// Offset, as near steel.
+    /// Constant heading offset, as near steel.
     VesselHeadingOff, "vessel-heading-off", "deg", [-15.0, 15.0], [2.0, 30.0], Nothing,
         Lasting(|f, size| f.vessel.heading_off_rad = size.to_radians());
     VesselGnssOff, "vessel-gnss-off", "m to the north", [-3.0, 3.0], [2.0, 30.0], Nothing,
@@ -222,7 +215,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// Measurements arrive late and are stamped on arrival.
     VesselStampedLate, "vessel-stamped-late", "s", [0.02, 0.5], WRONG, Nothing,
         Lasting(|f, size| f.vessel.late_s = size);
-    /// The vessel's IMU is turned about the forward axis.
+    /// The vessel's IMU is rotated about the forward axis.
     VesselMountingOff, "vessel-mounting-off", "deg", [-5.0, 5.0], WRONG, Nothing,
         Lasting(|f, size| f.vessel.mounting_rad = size.to_radians());
     /// A shifted weight heels the vessel.
@@ -230,17 +223,15 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.push[3] += size);
     VesselTurns, "vessel-turns", "Nm", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[5] += size);
-    /// A force acts ahead or astern.
     VesselPushed, "vessel-pushed", "N", [-300.0, 300.0], PUSH, Nothing,
         Lasting(|f, size| f.push[0] += size);
-    /// A wake has a roll period of 2.5 s.
+    /// A wake excites roll with a period of 2.5 s.
     VesselInWake, "vessel-in-wake", "Nm", [200.0, 900.0], PUSH, Nothing,
         Lasting(|f, size| f.wake_nm = size);
     Blind, "blind", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.blind = true);
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
-    /// The cameras detect a neighbouring vessel's deck instead of ours.
     NeighbourDetected, "neighbour-detected", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
@@ -259,10 +250,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// A missing echo is reported as 0.
     RangeZero, "range-zero", "", NONE, GAP, Nothing,
         Lasting(|f, _| f.drone.range_zero = true);
-    /// The estimate jumps; the reset counter is incremented.
+    /// The estimate jumps, and the reset counter is incremented.
     PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
-    /// The estimate jumps; the reset counter is not.
+    /// The estimate jumps, but the reset counter is not incremented.
     PositionJump, "position-jump", "m to the north", [-2.0, 2.0], NONE, Nothing,
         Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false), nothing);
     HeightReset, "height-reset", "m up", [-2.0, 2.0], NONE, Nothing,
@@ -271,19 +262,16 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false), nothing);
     HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
         Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
-    /// As under slow spoofing.
+    /// The position drifts, as under slow spoofing.
     PositionDrifts, "position-drifts", "m/s to the north", [-0.5, 0.5], [2.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drift_mps = size);
-    /// The autopilot reports "on ground".
     LandedReported, "landed-reported", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::OnGround));
-    /// The autopilot reports "in the air".
     FlightReported, "flight-reported", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::InAir));
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
-    /// The autopilot stops sending one message.
-    StreamStops, "stream-stops", "number of the message", [0.0, 500.0], [0.5, 15.0], Nothing,
+    StreamStops, "stream-stops", "message id", [0.0, 500.0], [0.5, 15.0], Nothing,
         Lasting(|f, size| f.autopilot.muted.push(size as u32));
     AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.silent = true);
@@ -296,7 +284,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
     /// Charge and voltage freeze, or toggle between the frozen value and a higher one.
-    BatteryStuck, "battery-stuck", "toggles by, charge", [-0.02, 0.02], [1.0, 60.0], Nothing,
+    BatteryStuck, "battery-stuck", "charge by which it toggles", [-0.02, 0.02], [1.0, 60.0], Nothing,
         Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
     /// An old or small battery: a full charge lasts for this flight time.
     BatteryAged, "battery-aged", "s", [300.0, 900.0], NONE, Nothing,
@@ -310,12 +298,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
-    PayloadDropped, "payload-dropped", "fraction of its weight", [0.03, 0.2], NONE, Nothing,
+    PayloadDropped, "payload-dropped", "fraction of the weight", [0.03, 0.2], NONE, Nothing,
         Events(|r, size| r.world.lighten(size), nothing);
-    /// The ground station commands Hold.
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
-    /// The ground station commands a return.
     ReturnedByStation, "returned-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Return), |r, _| choose(r, AutopilotMode::Offboard));
     /// The pilot takes manual control, then gives the mode back.
@@ -335,12 +321,10 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     /// The operator commands a drone that does not exist.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
         Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
-    /// The deck's sensor reports an obstacle.
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| r.world.deck_order(DeckOrder::Closed), |r, _| r.world.deck_order(DeckOrder::Open));
-    /// No corrections of the moving base reach the drone.
     CorrectionsLost, "corrections-lost", "", NONE, [0.5, 30.0], Nothing,
         Lasting(|f, _| f.moving_base.corrections_lost = true);
     FixLost, "fix-lost", "", NONE, WRONG, Nothing,

@@ -1,7 +1,6 @@
-//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and
-//! rules that must hold in every tick ([`watch`]). A fault has a kind, a size, a duration, and a start: a
-//! delay after the mission enters a state. The shortest list of faults that still breaks a rule ([`shrink`])
-//! becomes a test.
+//! A storm: one flight of the whole system with several faults, drawn from a seed or read from a file, and rules that
+//! must hold in every tick ([`watch`]). Each fault has a kind, a size, a duration, and a start, given as a delay after
+//! the mission enters a state. The shortest list of faults that still breaks a rule ([`shrink`]) becomes a test.
 //!
 //! Source: Claessen and Hughes 2000 (shrinking) and Groce et al. 2012 (swarm testing: each seed omits kinds).
 
@@ -47,20 +46,19 @@ pub struct Storm {
     #[serde(default)]
     pub flight: FlightKind,
     pub autopilot: Firmware,
-    /// Amplitude of the sea's three waves, m, and period of the middle one, s.
+    /// Amplitude of the sea's three waves, m, and period of the middle wave, s.
     pub sea: [f64; 2],
     pub course: VesselCourse,
     pub speed_mps: f64,
     pub wind_mps: f64,
     /// Landings need a reservation of the deck.
     pub reserved: bool,
-    /// Drones ordered to land: 1, or 2 in a landing. Faults affect the first.
+    /// Number of drones ordered to land: 1, or 2 in a landing. Faults affect the first.
     #[serde(default = "one")]
     pub drones: u8,
     /// Obstacles that the vessel publishes: a mast forward of the deck, an A-frame abeam.
     #[serde(default)]
     pub mast: bool,
-    /// The vessel's GNSS receiver serves as moving base of the drone's.
     #[serde(default)]
     pub moving_base: bool,
     #[serde(default, rename = "fault")]
@@ -86,13 +84,12 @@ pub enum StormError {
 }
 
 impl Storm {
-    /// The error names a value that is out of range.
+    /// Reads TOML; an error names the value that is out of range.
     pub fn read(text: &str) -> Result<Storm, StormError> {
         let storm: Storm = config::read(text, "the list").map_err(|e| StormError::Toml(e.to_string()))?;
         storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
     }
-    /// Writes TOML for [`Storm::read`].
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
     }
@@ -210,7 +207,7 @@ mod tests {
         );
         let aimed = Storm::drawn(3, 4).aimed((FaultKind::FalseFix, State::Descent));
         assert!(aimed.moving_base && aimed.check().is_ok());
-        // A list that is older than the field.
+        // This list was written before the field existed.
         let former = include_str!("../../../storm/live-abort.toml");
         assert!(!Storm::read(former).unwrap().moving_base);
     }

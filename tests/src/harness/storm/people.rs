@@ -1,6 +1,6 @@
-//! People in a storm's flight (operator, crew, skipper, pilot) and their orders. The next order follows when
-//! the last has ended as intended. An operation that somebody else stopped is not resumed, except a take-off
-//! that ended on the deck.
+//! People in a storm's flight (operator, crew, skipper, pilot) and their orders. Each order follows when the
+//! previous one has ended as intended. An operation that somebody else stopped is not resumed, except a
+//! take-off that ended on the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
 use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
@@ -13,23 +13,22 @@ use crate::harness::rig::Rig;
 
 /// Time from the crew's clearance of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;
-/// Time from the start to the order of a station, s; the link finds the autopilot before.
+/// Time from the start to the order to go to a station, s; the link finds the autopilot earlier.
 const FOUND_S: f64 = 5.0;
 /// Time from an order to a check of its result, s.
 const LOOKS_S: f64 = 5.0;
-/// Time on the deck, disarmed, until the next order, s.
+/// Time that a drone stands on the deck, disarmed, before the next order, s.
 const STANDS_S: f64 = 3.0;
 /// Distance from the deck's centre within which a drone counts as on the deck, m.
 const ON_DECK_M: f64 = 2.0;
 /// Maximum number of orders for a take-off that ends on the deck, and for a rejected station.
 const TRIES: u32 = 3;
-/// Period of a ground station's repetitions of an order, s.
 const REPEATS_S: f64 = 1.0;
-/// Size of the autopilot's own mission, and its height above its first position, m.
+/// Size of the autopilot's own mission, and its height above the first position, m.
 const FAR_M: f64 = 40.0;
 const HIGH_M: f64 = 20.0;
 const GROUND_STATION: Address = Address::new(255, 190);
-/// Faults that are orders, with the ground station's MAVLink command.
+/// Faults that are orders, with the corresponding MAVLink command of a ground station.
 const BY_MAVLINK: [(FaultKind, u16); 3] = [
     (FaultKind::Abort, command::USER_2),
     (FaultKind::Hold, command::USER_3),
@@ -40,12 +39,11 @@ const BY_MAVLINK: [(FaultKind, u16); 3] = [
 enum Step {
     #[default]
     Begins,
-    /// The crew cleared the deck for a take-off.
     Cleared,
     TakesOff,
     Away,
     Stays,
-    /// A ground station repeats the order to land until acceptance.
+    /// A ground station repeats the order to land until it is accepted.
     Calls,
     /// A landing is ordered, or continues without an order.
     Lands,
@@ -71,7 +69,7 @@ impl People {
             ..People::default()
         }
     }
-    /// Time of the last action, or of the event for which the people waited, s.
+    /// Time of the last action, or of the awaited event, s.
     pub(super) const fn since_s(&self) -> f64 {
         self.since_s
     }
@@ -139,7 +137,7 @@ impl People {
         waiting.is_empty().then_some(Step::Lands)
     }
 
-    /// Continues after a take-off from its final hold, or orders it again if it ended on the deck.
+    /// Continues after a take-off that reached its final hold; repeats the order if the take-off ended on the deck.
     fn after_take_off(&mut self, rig: &mut Rig) -> Option<Step> {
         if holds(rig) && rig.is_due(State::Hold, LOOKS_S) {
             return match self.flight {
@@ -168,7 +166,7 @@ impl People {
         goes_again.then(|| self.clear(rig))
     }
 
-    /// Gives the order of a fault over MAVLink; false if the flight's orders do not come over MAVLink.
+    /// Gives a fault's order over MAVLink; returns false if the flight's orders use another path.
     pub(super) fn give(&self, rig: &mut Rig, kind: FaultKind) -> bool {
         let order = BY_MAVLINK.iter().find(|(k, _)| *k == kind);
         let order = order.filter(|_| self.flight == FlightKind::Mavlink);
@@ -177,7 +175,6 @@ impl People {
         }
         order.is_some()
     }
-    /// Whether the flight of a drone that rests on the deck is over.
     pub(super) fn is_over(&self, rig: &Rig) -> bool {
         match self.step {
             Step::Begins | Step::Cleared => false,
@@ -188,7 +185,7 @@ impl People {
             Step::Away | Step::Stays | Step::Calls => true,
         }
     }
-    /// Whether a take-off has reached its final hold, and no order follows.
+    /// Whether a take-off has reached its final hold and no order follows.
     pub(super) fn is_up(&self, rig: &Rig) -> bool {
         let waits = matches!(
             rig.mission(0).waiting.code,
@@ -213,7 +210,7 @@ fn comes_back(rig: &Rig) -> bool {
     let state = rig.state(0);
     state.is_landing() && state != State::Hold
 }
-/// The pilot starts a mission of three waypoints in the autopilot.
+/// The pilot starts a mission with three waypoints in the autopilot.
 fn leave(rig: &mut Rig) -> Step {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;

@@ -1,4 +1,4 @@
-//! Kind of a storm's flight: start of the drone, permissions of the nodes, states in which faults begin.
+//! Kinds of flight in a storm: the drone's start, the nodes' permissions, and the states in which faults begin.
 
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
@@ -16,11 +16,11 @@ pub enum FlightKind {
     TakeOff,
     /// Take-off, a flight in the autopilot's own mission, and a return to the deck without an order.
     Sortie,
-    /// One minute on a station, then a landing.
+    /// One minute at a station, then a landing.
     Station,
     /// Landing on a silent vessel with a beacon.
     Beacon,
-    /// Landing on a silent vessel by its tags alone.
+    /// Landing on a silent vessel by the deck's tags alone.
     TagAlone,
     /// Landing, take-off, landing.
     Cycles,
@@ -28,7 +28,7 @@ pub enum FlightKind {
     Mavlink,
 }
 
-/// State in which faults begin, its relative frequency, and the maximum delay after its entry, s.
+/// State in which faults begin, its relative frequency, and the maximum delay after entry, s.
 pub(super) type PlannedPhase = (State, u32, f64);
 
 const LANDS: [PlannedPhase; 8] = [
@@ -50,7 +50,7 @@ const TAKES_OFF: [PlannedPhase; 7] = [
     (State::StandDown, 1, 1.0),
     (State::Hold, 2, 5.0),
 ];
-/// `Idle`: the autopilot's own mission.
+/// `Idle` is the autopilot's own mission.
 const SORTIE: [PlannedPhase; 13] = [
     (State::Preparing, 1, 2.0),
     (State::Countdown, 1, 4.5),
@@ -110,7 +110,7 @@ const CYCLES: [PlannedPhase; 12] = [
     (State::Hold, 2, 5.0),
 ];
 
-/// Time on the deck before a take-off, s; the heading is aligned before.
+/// Time on the deck before a take-off, s; long enough to align the heading.
 const STANDS_S: f64 = 20.0;
 
 impl FlightKind {
@@ -152,7 +152,7 @@ impl FlightKind {
     pub(super) const fn is_silent(self) -> bool {
         matches!(self, FlightKind::Beacon | FlightKind::TagAlone)
     }
-    /// Whether a drone with a low battery may lack the deck's position. It then lands at its next landing
+    /// Whether a drone with a low battery may not know the deck's position. It then lands at its next landing
     /// place, which is in the water here.
     pub(super) const fn may_land_elsewhere(self) -> bool {
         self.is_silent() || matches!(self, FlightKind::Sortie)
@@ -168,8 +168,8 @@ impl FlightKind {
             | FlightKind::Cycles => 1,
         }
     }
-    /// Time limits, s: after the last fault and order, until the drone has landed or waits for a stated
-    /// reason; after the first order, until the flight ends.
+    /// Time limits, s: from the last fault and order until the drone has landed or waits for a stated reason;
+    /// from the first order until the flight ends.
     pub(super) const fn limits_s(self) -> [f64; 2] {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::TagAlone | FlightKind::Mavlink => {
@@ -181,7 +181,6 @@ impl FlightKind {
         }
     }
 
-    /// Adapts a landing's scenario and node configurations.
     pub(super) fn set_up(self, scenario: &mut Scenario, nodes: &mut NodeConfigs) {
         match self {
             FlightKind::Landing | FlightKind::Station | FlightKind::Cycles => {}

@@ -28,7 +28,7 @@ impl FaultTimer {
     fn is_active(&self, t_s: f64) -> bool {
         self.began_s.is_some_and(|at| t_s < at + self.fault.lasts_s)
     }
-    /// Start or end that is due at `t_s`; `moment_s`: start of the fault's moment.
+    /// Returns the start or end due at `t_s`; `moment_s` is the time of the fault's moment.
     pub fn poll(&mut self, t_s: f64, moment_s: Option<f64>) -> Option<FaultTurn> {
         match self.began_s {
             None if moment_s.is_some_and(|at| t_s >= at + self.fault.after_s) => {
@@ -44,18 +44,17 @@ impl FaultTimer {
     }
 }
 
-/// A fault in lock-step.
 pub(super) struct Scheduled {
     pub(super) timer: FaultTimer,
-    /// An abort or take-over stopped an operation at the fault's start.
+    /// At the fault's start, an abort or take-over stopped an operation.
     pub(super) stops: bool,
-    /// Charge left by a fault of the battery, 0 to 1.
+    /// Charge left after a battery fault, 0 to 1.
     pub(super) charge_left: Option<f64>,
 }
 
 impl Scheduled {
-    /// Begins or ends the fault if due. `begins` is called at the start, and returns true if it gave the
-    /// order itself.
+    /// Begins or ends the fault if due. `begins` is called at the start and returns true if it has given the
+    /// fault's order.
     pub(super) fn step(&mut self, rig: &mut Rig, begins: impl FnOnce(&mut Rig, &mut Scheduled) -> bool) {
         let fault = self.timer.fault;
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {
@@ -90,8 +89,7 @@ impl Schedule {
         };
         Schedule(faults.iter().map(pending).collect())
     }
-    /// Begins and ends faults before a tick, and applies the active ones. Without faults, the world is not
-    /// touched.
+    /// Begins and ends faults before a tick, and applies the active ones. Does not touch the world without faults.
     pub fn act(&mut self, rig: &mut Rig) {
         for scheduled in &mut self.0 {
             scheduled.step(rig, |_, _| false);

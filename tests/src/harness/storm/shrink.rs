@@ -1,4 +1,4 @@
-//! Finds the shortest list that still breaks the same rule: omits faults, then halves sizes and durations.
+//! Finds the shortest list that still breaks the same rule by omitting faults, then halving sizes and durations.
 
 use super::Storm;
 use super::watch::StormRule;
@@ -6,7 +6,7 @@ use super::watch::StormRule;
 const MAX_TRIES: usize = 80;
 const HALVINGS: usize = 4;
 
-/// `breaks` flies a storm and returns the rule that it breaks.
+/// `breaks` flies a storm and returns the broken rule.
 pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> Option<StormRule>) -> Storm {
     let (mut best, mut tries) = (storm.clone(), 0);
     let mut still = |candidate: &Storm| {
@@ -80,7 +80,7 @@ mod tests {
         let small = shrink(&storm, StormRule::Water, breaks);
         assert_eq!(small.faults.len(), 1);
         assert!((1.0..2.0).contains(&small.faults[0].lasts_s) && small.wind_mps == 0.0);
-        // Breaking another rule does not count.
+        // Breaking a different rule does not count.
         assert_eq!(shrink(&storm, StormRule::Stuck, breaks), storm);
     }
 }

@@ -1,4 +1,4 @@
-//! Rules of every tick of a storm. `CONTRIBUTING.md` lists them, with the faults that excuse them.
+//! Rules for every tick of a storm. `CONTRIBUTING.md` lists them with the faults that excuse them.
 
 use core::fmt;
 
@@ -12,13 +12,13 @@ use crate::harness::rig::Rig;
 
 /// Maximum time from the end of a command fault to the next set-point, s.
 pub const RESUME_S: f64 = 1.5;
-/// Maximum contact speed along the deck's normal with several faults, m/s.
+/// Maximum contact speed along the deck's normal during several simultaneous faults, m/s.
 const SEVERAL_MPS: f64 = 2.0;
-/// Time after a fault's start or end for which contacts are excused, s.
+/// Time after the start or end of a fault during which contacts are excused, s.
 const GRACE_S: f64 = 0.5;
-/// Maximum time for which rotors may carry the drone in `Landed`, s.
+/// Maximum time for which the rotors may carry the drone in `Landed`, s.
 const CARRY_S: f64 = 3.0;
-/// Time after an excused impact until rules apply again, s.
+/// Time after an excused impact until the rules apply again, s.
 const STRUCK_S: f64 = 5.0;
 /// Maximum time from an abort to its effect, s.
 const ABORT_S: f64 = 1.0;
@@ -30,7 +30,7 @@ const LANDS_WITH: f64 = 0.5;
 
 /// Maximum time armed on the deck without a report, s.
 const ARMED_S: f64 = 10.0;
-/// Limits of "low over the deck": height above it, and distance from its centre, m.
+/// Limits of "low over the deck": height above the deck, and distance from its centre, m.
 const LOW_M: f64 = 1.5;
 /// Maximum time low over the deck without descending, s; a climb takes less.
 const LOW_S: f64 = 3.0;
@@ -56,7 +56,7 @@ pub enum StormRule {
     TippedOver,
     Water,
     CarriesLanded,
-    /// The mission neither follows an abort nor declines it with a reason.
+    /// The mission neither follows an abort nor rejects it with a reason.
     AbortIgnored,
     /// A descent began after an abort, with charge left and no new order.
     Unordered,
@@ -64,15 +64,14 @@ pub enum StormRule {
     NotPermitted,
     KeepOut,
     TwoAtDeck,
-    /// The battery is empty in the air, although faults left enough charge for a landing.
+    /// The battery ran empty in the air although faults had left enough charge for a landing.
     BatterySpent,
     Collision,
-    /// Armed on the deck without a report.
     StillArmed,
     NotFinite,
     /// Neither landed nor waiting for a stated reason, long after the last fault.
     Stuck,
-    /// Waited in our mode until the battery was spent, next to a free deck.
+    /// Waited in OFFBOARD (GUIDED) next to a free deck until the battery was spent.
     NoLastResort,
     /// Waits in the air without reporting its charge (sufficient or low) or its next step.
     WaitsUnreported,
@@ -82,7 +81,7 @@ pub enum StormRule {
 pub struct Violation {
     pub rule: StormRule,
     pub t_s: f64,
-    /// Height above the deck, m; speed, m/s; time, s; or charge, 0 to 1.
+    /// Height above the deck (m), speed (m/s), time (s), or charge (0 to 1), depending on the rule.
     pub figure: f64,
     pub state: State,
 }
@@ -93,26 +92,34 @@ impl fmt::Display for Violation {
         let state = self.state.name();
         match self.rule {
             StormRule::StopInTheAir => write!(f, "motors stopped {figure:.2} m above the deck"),
-            StormRule::HardContact => write!(f, "met the deck at {figure:.2} m/s"),
-            StormRule::TippedOver => write!(f, "met the deck with more than its feet, at {figure:.2} m/s"),
+            StormRule::HardContact => write!(f, "hit the deck at {figure:.2} m/s"),
+            StormRule::TippedOver => {
+                write!(f, "hit the deck with a part other than a foot at {figure:.2} m/s")
+            }
             StormRule::Water => write!(f, "in the water"),
             StormRule::CarriesLanded => write!(f, "rotors carried the drone for {figure:.1} s on the deck"),
-            StormRule::AbortIgnored => write!(f, "an abort was not acted upon within {figure:.1} s"),
+            StormRule::AbortIgnored => write!(f, "an abort had no effect within {figure:.1} s"),
             StormRule::Unordered => write!(f, "descends {figure:.1} s after its order was withdrawn"),
-            StormRule::NotPermitted => write!(f, "was {figure:.1} s low over the deck without descending"),
+            StormRule::NotPermitted => {
+                write!(f, "stayed low over the deck for {figure:.1} s without descending")
+            }
             StormRule::KeepOut => write!(f, "{:.2} m inside a keep-out volume", -figure),
             StormRule::TwoAtDeck => write!(f, "{figure} drones are at the deck"),
             StormRule::BatterySpent => write!(f, "its battery ran empty {figure:.2} m above the deck"),
-            StormRule::Collision => write!(f, "two drones met"),
+            StormRule::Collision => write!(f, "two drones collided"),
             StormRule::StillArmed => {
-                write!(f, "armed on the deck for {figure:.1} s, and no status reports it")
+                write!(f, "armed on the deck for {figure:.1} s without reporting it")
             }
             StormRule::NotFinite => write!(f, "a set-point was not finite"),
-            StormRule::Stuck => write!(f, "neither landed nor states a reason to wait"),
-            StormRule::NoLastResort => write!(f, "waited until {:.0} % next to a free deck", 100.0 * figure),
+            StormRule::Stuck => write!(f, "neither landed nor reports a reason to wait"),
+            StormRule::NoLastResort => write!(
+                f,
+                "waited next to a free deck until its battery was at {:.0} %",
+                100.0 * figure
+            ),
             StormRule::WaitsUnreported => write!(
                 f,
-                "waits at {:.0} % of its battery, and reports neither that nor its next step",
+                "waits with its battery at {:.0} % and reports neither that nor its next step",
                 100.0 * figure
             ),
         }?;
@@ -120,21 +127,21 @@ impl fmt::Display for Violation {
     }
 }
 
-/// Present faults that affect rules.
+/// Active faults that affect rules.
 #[derive(Clone, Copy, Debug)]
 pub struct StormScene {
     pub flight: FlightKind,
     /// Number of active and recent faults.
     pub faults: usize,
-    /// Last start or end of a fault, s.
+    /// Time of the last start or end of a fault, s.
     pub newest_s: f64,
-    /// Set-points are missing, or have just resumed.
+    /// Set-points are missing or have just resumed.
     pub uncommanded: bool,
     /// A fault has reduced the thrust.
     pub without_power: bool,
     /// The drone waits for its battery to run low.
     pub runs_low: bool,
-    /// Charge left by a fault of the battery, 0 to 1 (0 during the fault); None without such a fault.
+    /// Charge left after a battery fault, 0 to 1 (0 during the fault); None without such a fault.
     pub charge_left: Option<f64>,
     /// Time at which the mission received the first abort, s.
     pub aborted_s: Option<f64>,
@@ -148,7 +155,7 @@ impl StormScene {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
     }
-    /// The scene for drones without faults.
+    /// Scene for drones without faults.
     const fn of_others(&self) -> StormScene {
         StormScene {
             uncommanded: false,
@@ -165,22 +172,21 @@ impl StormScene {
 #[derive(Clone, Debug, Default)]
 pub struct StormWatch {
     turned: bool,
-    /// Last excused impact or fall into the water, s; no rule applies for [`STRUCK_S`] after it.
+    /// Last excused impact or fall into the water, s; rules are suspended for [`STRUCK_S`] after it.
     struck_s: Option<f64>,
-    /// Start of the rotors' carrying the drone in `Landed`, s.
+    /// Time since which the rotors have carried the drone in `Landed`, s.
     carries_since_s: Option<f64>,
-    /// Start of the time low over the deck without descending, s.
+    /// Time since which the drone has been low over the deck without descending, s.
     low_since_s: Option<f64>,
-    /// Start of the time armed on the deck without a report, s.
+    /// Time since which the drone has been armed on the deck without a report, s.
     armed_since_s: Option<f64>,
     /// Start of the first landing for a spent battery, s.
     spent_s: Option<f64>,
-    /// A drone with a drained battery and possibly without the deck's position flies elsewhere.
+    /// The drone has a drained battery, may not know the deck's position, and flies elsewhere.
     elsewhere: bool,
 }
 
 impl StormWatch {
-    /// First rule that drone `k` breaks in this tick.
     pub fn look(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<Violation> {
         let scene = if k == 0 { *scene } else { scene.of_others() };
         let broken = self
@@ -238,8 +244,8 @@ impl StormWatch {
         }
         (o.in_water && self.struck_s.is_none()).then(|| (StormRule::Water, o.feet_height_m()))
     }
-    /// Tracks a drone with a low battery that may lack the deck's position: the autopilot flies it home or
-    /// down, unless it descends to the deck after all.
+    /// Tracks a drone with a low battery that may not know the deck's position: the autopilot flies it home
+    /// or down, unless it descends to the deck after all.
     fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &StormScene) {
         let goes = matches!(
             rig.mission(k).low_battery,
@@ -258,7 +264,7 @@ impl StormWatch {
         if carried_s > CARRY_S && !scene.uncommanded {
             return Some((StormRule::CarriesLanded, carried_s));
         }
-        // States in which motors may turn on the deck.
+        // Motors may turn on the deck in these states.
         let turns = state == State::Flare || state.is_take_off();
         let stands = o.motors_on && o.feet_height_m().abs() < FALSE_STOP_M && !turns;
         let reported = rig
@@ -270,10 +276,10 @@ impl StormWatch {
         (armed_s > ARMED_S && !scene.uncommanded).then_some((StormRule::StillArmed, armed_s))
     }
 
-    /// Checks for ignored aborts, and descents after their order was withdrawn.
+    /// Checks for ignored aborts, and for descents whose order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
-        // A mission complies that climbs, holds, has landed, or continues for a stated reason.
+        // A mission complies if it climbs, holds, has landed, or continues for a stated reason.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
         let goes_on = !stated && goes_on(scene.flight, rig, k);
@@ -281,13 +287,12 @@ impl StormWatch {
         if let Some(at) = withdrawn.filter(|at| o.motors_on && goes_on && t_s > at + ABORT_S) {
             return Some((StormRule::AbortIgnored, t_s - at));
         }
-        // After an abort the operator keeps a part of the reserve; after a take-over the landing may use all
-        // of it.
+        // After an abort the operator keeps part of the reserve; after a take-over the landing may use all of it.
         let fraction = scene.aborted_s.map_or(1.0, |_| SPENT_OF_RESERVE);
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
         // A drone that waits until its battery runs low lands as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
-        // A later abort rejects the deck.
+        // An abort after the start of that landing stops it.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
         if self.spent_s.is_some_and(before) {
             return None;
@@ -296,7 +301,6 @@ impl StormWatch {
         descends.then_some((StormRule::Unordered, t_s - at))
     }
 
-    /// Checks positions and set-points.
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let at_deck = rig.using_the_deck().len();
@@ -332,7 +336,7 @@ fn is_empty(rig: &Rig, k: usize) -> bool {
         .is_some_and(SimulatedAutopilot::is_empty)
 }
 
-/// Whether the drone lands because its charge is below this fraction of its reserve.
+/// Whether the drone lands because its charge is below this fraction of the reserve.
 fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     let charge = rig
         .world
@@ -344,7 +348,7 @@ fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
     spent && rig.mission(k).low_battery == Some(BatteryPlace::Deck)
 }
 
-/// Whether an operation that an abort must stop continues: a landing, or a take-off before the feet leave the
+/// Whether an operation continues that an abort must stop: a landing, or a take-off before the feet leave the
 /// deck. A hold for the next order does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
@@ -354,7 +358,7 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     on_deck || state.is_landing() && !rests
 }
 
-/// Ending of a first drone that broke no rule and did not rest on the deck for long.
+/// Ending of a first drone that broke no rule and did not rest on the deck for the required time.
 pub fn end(rig: &Rig) -> StormEnding {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {
@@ -365,7 +369,6 @@ pub fn end(rig: &Rig) -> StormEnding {
         StormEnding::Waits
     }
 }
-/// Violation by a drone that waited until its battery was spent.
 pub fn no_last_resort(rig: &Rig) -> Violation {
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     Violation {
@@ -376,7 +379,7 @@ pub fn no_last_resort(rig: &Rig) -> Violation {
     }
 }
 /// Violation, long after the last fault, by a drone that neither landed nor stated a reason to wait, or that
-/// PX4 holds by itself.
+/// is held by a failsafe of PX4.
 pub fn is_stuck(rig: &Rig) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let states_reason = mission.waiting.code != ReasonCode::None;
@@ -412,11 +415,10 @@ const fn names_battery(why: ReasonCode) -> bool {
 /// Maximum age of a reported condition, s; a permitted step reports none.
 const REPORTS_S: f64 = 1.0;
 
-/// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting
-/// why it waits; `reported_s`: last report of a condition. A complete report has the condition of the next
-/// step, and one of these: the charge, which the status compares with the way to the deck and one attempt; on
-/// a sortie the time until the drone turns back; an alarm, the landing place for a low battery, or a reason
-/// that names it.
+/// Violation, long after the last fault, by an airborne drone that follows our set-points without reporting why it
+/// waits; `reported_s` is the time of the last reported condition. A complete report has the condition for the next
+/// step and at least one of these: the charge, which the status compares with the way to the deck and one attempt; on
+/// a sortie, the time until the drone turns back; the landing place for a low battery; a reason that names the battery.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
     let (o, mission) = (rig.world.observation(), rig.mission(0));
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());

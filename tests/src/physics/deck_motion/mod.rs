@@ -1,20 +1,19 @@
-//! Motion of the deck: simulated (vessel, or response table) or prescribed (recorded, or sinusoidal:
-//! [`rocking`]).
+//! Motion of the deck: simulated (vessel, or response table) or prescribed (recorded, or sinusoidal: [`rocking`]).
 //!
-//! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and any of heave (positive up),
+//! A recording (CSV) has roll (positive starboard down), pitch (positive bow up) and optionally heave (positive up),
 //! heading, surge and sway, at any rate, with jitter, repeated stamps and gaps. Natural cubic splines make it twice
 //! differentiable, so that velocity, acceleration and rates are consistent with the motion.
 //!
 //! - The recording describes the deck: the angles rotate it about its centre; surge, sway and heave move that
-//!   centre from its height at rest. The vessel's reference point follows rigidly.
-//! - Surge and sway are displacements along and to starboard of the mean heading, about their mean; heave
-//!   is about its mean. The mean roll and pitch (usually a mounting error) are removed unless `keep_mean`
-//!   is set. `scale` multiplies the deviations from the means.
-//! - Without recorded heave, heave is the sea's elevation under the deck centre.
+//!   centre relative to its position at rest. The vessel's reference point follows rigidly.
+//! - Surge and sway are displacements along and to starboard of the mean heading. Surge, sway and heave are
+//!   relative to their means. The mean roll and pitch (usually a mounting error) are removed unless
+//!   `keep_mean` is set. `scale` multiplies the deviations from the means.
+//! - Without recorded heave, the deck centre follows the sea's elevation below it.
 //! - Without a recorded heading, the heading is constant and drawn per seed.
-//! - The end joins the beginning: over the last seconds (5 s, or a quarter of a short recording) the end
-//!   is blended into the beginning by a twice differentiable weight. Heading, surge and sway continue
-//!   from their values at the end instead of jumping back.
+//! - The recording loops: over the last seconds (5 s, or a quarter of a short recording) the end is blended
+//!   into the beginning by a twice differentiable weight. Heading, surge and sway continue from their values
+//!   at the end instead of jumping back.
 
 mod recording;
 pub mod rocking;
@@ -46,20 +45,19 @@ const SEA_STEP_S: f64 = 0.02;
 const MAX_TILT: f64 = core::f64::consts::FRAC_PI_3;
 
 config! {
-    /// A recording and its playback, or sinusoidal rocking instead.
-    ///
-    /// Defaults: as recorded, from the beginning.
+    /// A recording and its playback, or sinusoidal rocking. By default a recording is played as is, from its start.
     pub struct DeckMotionConfig {
-        /// CSV file: t_s, roll_deg, pitch_deg and any of heave_m, heading_deg, surge_m, sway_m; empty with `rocking`.
+        /// CSV file with t_s, roll_deg, pitch_deg and optionally heave_m, heading_deg, surge_m, sway_m; empty
+        /// with `rocking`.
         pub file: PathBuf = PathBuf::new();
         /// Sinusoidal roll and pitch instead of a file.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub rocking: Option<RockingConfig> = None;
-        /// Factor on the deviations from the means.
+        /// Factor applied to the deviations from the means.
         pub scale: f64 = 1.0, in 0.0..=20.0;
-        /// Factor on the recording's time: 2 plays twice as fast.
+        /// Factor applied to the playback speed: 2 plays twice as fast.
         pub speed: f64 = 1.0, in 0.02..=20.0;
-        /// Time in the recording, from its first row, at the world's time zero, s.
+        /// Time in the recording, from its first row, that is played at the world's time zero, s.
         pub start_s: f64 = 0.0, in 0.0..=1e7;
         /// Keep the mean roll and pitch.
         pub keep_mean: bool = false;
@@ -71,7 +69,7 @@ config! {
             this.file.as_os_str().is_empty() == this.rocking.is_some(),
             "file",
             this.file.display(),
-            "the path of a CSV file, or nothing and a table `rocking`",
+            "the path of a CSV file, or empty with a table `rocking`",
         )?;
         if let Some(rocking) = &this.rocking {
             rocking.check(&at.table("rocking"))?;
@@ -86,17 +84,15 @@ config! {
     }
 }
 
-/// Facts about a recording, for a check before the flight.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFacts {
     pub duration_s: f64,
     pub heave: bool,
-    /// Remarks on the rate and resolution of channels, and on irregularities.
     pub remarks: Vec<String>,
 }
 
 impl DeckMotionConfig {
-    /// `trial_s`: duration of the trial, s; None without a file.
+    /// `trial_s` is the duration of the trial, s. None without a file.
     pub fn facts(&self, trial_s: f64) -> Result<Option<RecordingFacts>, DeckMotionError> {
         if self.rocking.is_some() {
             return Ok(None);
@@ -122,7 +118,6 @@ impl DeckMotionConfig {
     }
 }
 
-/// Source of the deck's motion.
 #[derive(Clone)]
 pub enum DeckCarrier {
     Simulated(Box<Vessel>),
@@ -131,7 +126,6 @@ pub enum DeckCarrier {
 }
 
 impl DeckCarrier {
-    /// The configured recording, or the simulated vessel.
     pub fn new(
         vessel: &VesselConfig,
         motion: Option<&DeckMotionConfig>,
@@ -168,15 +162,15 @@ impl DeckCarrier {
             DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm. No effect on a
-    /// vessel with a response table or a recording.
+    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw in body axes, N and Nm. Has no effect
+    /// on a vessel with a response table or a recording.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.push(by_n_nm),
             DeckCarrier::Responding(_) | DeckCarrier::Recorded(_) => {}
         }
     }
-    /// Height of the water's surface above the sea's, m.
+    /// Height of the water's surface above the simulated sea's, m.
     pub fn water_lift(&self) -> f64 {
         match self {
             DeckCarrier::Simulated(_) | DeckCarrier::Responding(_) => 0.0,
@@ -196,10 +190,10 @@ impl DeckCarrier {
 #[derive(Clone)]
 struct Rounds {
     splines: Splines<CHANNELS>,
-    /// Duration of a repetition, and of the blend at its start, s of the recording.
+    /// Duration of one loop, and of the blend at its start, s of the recording.
     period: f64,
     blend: f64,
-    /// Change of heading, surge and sway per repetition.
+    /// Change of heading, surge and sway per loop.
     per_round: [f64; CHANNELS],
 }
 
@@ -210,7 +204,7 @@ impl Rounds {
         let phase = at - round * self.period;
         let now = self.splines.at(phase);
         let blend = smooth_step(phase, self.blend);
-        // End of the previous repetition, during the blend.
+        // During the blend: the end of the previous loop.
         let before = (round > 0.0 && phase < self.blend).then(|| self.splines.at(self.period + phase));
         core::array::from_fn(|c| {
             let here = now[c].shifted(round * self.per_round[c]);
@@ -278,7 +272,7 @@ impl RecordedMotion {
         }
         if steepest > MAX_TILT {
             return Err(whole(format!(
-                "scaled by {} it tilts to {:.1} deg, allowed is 60; lower the scale",
+                "scaled by {}, it tilts to {:.1} deg, allowed is 60; reduce the scale",
                 config.scale,
                 steepest.to_degrees()
             )));
@@ -287,7 +281,7 @@ impl RecordedMotion {
         let duration = splines.range().1;
         if config.start_s >= duration {
             return Err(whole(format!(
-                "a start at {} s is after its end ({duration:.1} s); begin earlier",
+                "the start at {} s is after its end ({duration:.1} s); start earlier",
                 config.start_s
             )));
         }
@@ -318,7 +312,7 @@ impl RecordedMotion {
         .begun(sea))
     }
 
-    /// Rocks as in `rocking`, heaves with the sea, and has a heading drawn per seed.
+    /// Rocks as configured by `rocking`, heaves with the sea, and has a heading drawn per seed.
     pub fn rocking(
         config: &DeckMotionConfig,
         rocking: &RockingConfig,
@@ -419,7 +413,7 @@ impl RecordedMotion {
     }
 }
 
-/// Heading without a recorded one, rad.
+/// Heading if none is recorded, rad.
 fn drawn_heading(streams: &Streams) -> f64 {
     streams.stream("vessel/heading").random::<f64>() * TAU
 }

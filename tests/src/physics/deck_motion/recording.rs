@@ -1,4 +1,4 @@
-//! Recorded motion: parsed, checked, cleaned of repeated stamps, and interpolated over gaps.
+//! Recorded motion: parsing, checks, merging of repeated stamps, and interpolation across gaps.
 
 mod quality;
 
@@ -56,7 +56,7 @@ pub enum DeckMotionError {
         line: u64,
         message: String,
     },
-    /// Valid rows, but an unusable recording.
+    /// All rows are valid, but the recording as a whole is unusable.
     #[error("deck motion {origin}: {message}")]
     Whole { origin: String, message: String },
 }
@@ -68,7 +68,7 @@ pub struct Recording {
     /// Values by channel; zero where [`Recording::has`] is false.
     pub y: Vec<[f64; CHANNELS]>,
     pub has: [bool; CHANNELS],
-    /// Time average per channel, without gaps.
+    /// Time average per channel, gaps excluded.
     pub mean: [f64; CHANNELS],
     pub gaps: usize,
     /// Remarks on channels whose bandwidth or resolution is lower than their rows suggest.
@@ -84,7 +84,6 @@ impl Recording {
         Self::parse(&bytes, &path.display().to_string())
     }
 
-    /// `origin` names the text in errors.
     pub fn parse(bytes: &[u8], origin: &str) -> Result<Self, DeckMotionError> {
         let whole = |message: String| DeckMotionError::Whole {
             origin: origin.into(),
@@ -104,13 +103,13 @@ impl Recording {
         merge_close(&mut t, &mut y, 0.25 * usual);
         if t.len() < rows {
             remarks.push(format!(
-                "{} rows at (nearly) the time of the row above are averaged with it",
+                "{} rows with (nearly) the same time as the row above are averaged with it",
                 rows - t.len()
             ));
         }
         if usual > 1.0 / SLOW_HZ {
             remarks.push(format!(
-                "{:.1} rows a second, below 5: fast deck motion is lost",
+                "{:.1} rows per second, fewer than 5: fast deck motion is lost",
                 1.0 / usual
             ));
         }
@@ -125,7 +124,7 @@ impl Recording {
         for t in &mut t {
             *t -= start;
         }
-        // A gap lacks five samples or more.
+        // A gap is an interval with at least five missing samples.
         let longest = 5.0 * usual;
         let knots = Knots {
             t: &t,
@@ -194,7 +193,7 @@ struct Channels {
 }
 
 impl Channels {
-    /// Channels at the times of rows with a roll; channels with separate rows are interpolated.
+    /// Channels at the times of rows with a roll; channels with rows of their own are interpolated.
     fn of(table: &CsvTable) -> Result<Channels, String> {
         let knots: Vec<&CsvRow> = table
             .rows
@@ -268,7 +267,7 @@ impl Own {
             if let (Quantity::Heading, Some(before)) = (quantity, y.last()) {
                 value = before + alight_shared::frames::wrap_angle(value - before);
             }
-            // The first of several rows with one time is used.
+            // The first of several rows with the same time is used.
             if t.last().is_none_or(|last| *last < row.t) {
                 t.push(row.t);
                 y.push(value);
@@ -309,7 +308,7 @@ impl Own {
             };
         }
         let mut remarks = vec![format!(
-            "{} has separate rows at {:.1} Hz: interpolated, motion with periods below {:.1} s is lost",
+            "{} has separate rows at {:.1} Hz and is interpolated; motion with periods below {:.1} s is lost",
             self.name,
             1.0 / self.step,
             2.0 * self.step
@@ -321,7 +320,7 @@ impl Own {
     }
 }
 
-/// Unwraps headings: each is within half a turn of the one before.
+/// Unwraps headings so that each is within half a turn of the previous one.
 fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     use core::f64::consts::TAU;
     for i in 1..y.len() {
@@ -331,8 +330,8 @@ fn unwrap_heading(y: &mut [[f64; CHANNELS]]) {
     }
 }
 
-/// Averages rows closer than `min_step`, including repeated stamps: a spline through different values at
-/// nearly one time would overshoot.
+/// Averages rows closer than `min_step`, including repeated stamps, because a spline through different values
+/// at nearly the same time would overshoot.
 fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     let mut kept = 0;
     let mut i = 0;
@@ -370,9 +369,9 @@ fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNEL
     sum.map(|s| if time > 0.0 { s / time } else { 0.0 })
 }
 
-/// Adds knots to gaps longer than `longest`: the motion before decays, the motion after builds up, and a
-/// smooth step between them stays within the recorded range. A single cubic would overshoot by the slopes at
-/// its ends. None: too many knots.
+/// Adds knots to gaps longer than `longest`: the motion before the gap decays, the motion after it builds up,
+/// and a smooth step between them stays within the recorded range. A single cubic would overshoot because of
+/// the slopes at its ends. None: too many knots.
 fn bridge(
     t: Vec<f64>,
     y: Vec<[f64; CHANNELS]>,
@@ -389,7 +388,7 @@ fn bridge(
     }
     let (mut out_t, mut out_y) = (Vec::with_capacity(t.len()), Vec::with_capacity(y.len()));
     let mut gaps = 0;
-    // Decay time on either side of a gap, s.
+    // Decay time on both sides of a gap, s.
     let fade = 3.0 * median;
     for i in 0..t.len() {
         if i > 0 && t[i] - t[i - 1] > longest {

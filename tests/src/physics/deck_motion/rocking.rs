@@ -1,7 +1,7 @@
-//! A deck that rolls and pitches sinusoidally, as a small platform in short waves, or a test rig.
+//! A deck that rolls and pitches sinusoidally, like a small platform in short waves or a test rig.
 //!
-//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`, with phases drawn per seed and
-//! different frequencies, so that the axes do not stay in phase. The deck's centre heaves with the sea.
+//! `roll = A_r sin(2 pi f t + p_r)`, `pitch = A_p sin(2 pi 0.8 f t + p_p)`. Phases are drawn per seed, and
+//! the frequencies differ so that the axes do not stay in phase. The deck's centre heaves with the sea.
 
 use core::f64::consts::TAU;
 

@@ -17,7 +17,7 @@ fn rejection(text: &str) -> String {
         .map(|e| e.to_string())
         .unwrap_or_default()
 }
-/// Swell of 30 s at 10 Hz with every column; the heading turns through south.
+/// 30 s of swell at 10 Hz with every column; the heading turns through south.
 fn full() -> String {
     let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m,heading_deg,surge_m,sway_m\n");
     for i in 0..300 {
@@ -34,7 +34,6 @@ fn full() -> String {
     }
     text
 }
-/// Velocity, acceleration and rates are the derivatives of the motion over `seconds`.
 fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
     let h = 1e-3;
     let n = (seconds / 0.037) as i32;
@@ -212,7 +211,7 @@ fn recorded_motion_with_repeated_stamps_and_gaps() {
         }
         text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin(), 3.0 * (1.1 * t).sin());
         if i % 7 == 0 {
-            // A repeated stamp, and one shortly after, with different values.
+            // A repeated stamp, and one shortly after it, with different values.
             text += &format!("{t},{},{}\n", 5.0 * (1.5 * t).sin() + 0.2, 3.0 * (1.1 * t).sin());
             text += &format!(
                 "{},{},{}\n",
@@ -279,7 +278,7 @@ fn recording_with_a_bad_row() {
         let e = rejection(&format!("{good}{row}\n4,1,1\n"));
         assert!(e.contains("test.csv, line 5") && e.contains(why), "{row}: {e}");
     }
-    // Empty lines are counted.
+    // Line numbers include empty lines.
     let e = rejection("t_s,roll_deg,pitch_deg\n\n0,1,2\n\n1,bad,2\n");
     assert!(e.contains("line 5"), "{e}");
 }
@@ -314,7 +313,7 @@ fn recording_with_a_bad_header_or_too_few_rows() {
     assert!(e.contains("no/such/file.csv"), "{e}");
 }
 
-/// A real recording, which is not in the repository.
+/// Real recording, not in the repository.
 fn tank() -> Recording {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/tank-platform.csv");
     Recording::load(&path).unwrap()
@@ -455,7 +454,7 @@ fn recording_with_whole_second_stamps() {
     for part in ["line 3: 810 of 900 rows", "`python -m alight.convert FILE`"] {
         assert!(coarse.contains(part), "{part}: {coarse}");
     }
-    // Few rows a second and repeated stamps: accepted with remarks.
+    // Few rows per second and repeated stamps are accepted with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
         slow.remarks.iter().any(|r| r.contains("below 5")),
@@ -471,7 +470,7 @@ fn recording_with_whole_second_stamps() {
 
 /// Satellite compass and motion sensor of a boat: 100 s of a figure of eight, with attitude and rates at 10
 /// Hz, heave at 1 Hz, position at 5 Hz and velocity at 4 Hz in separate rows. Source: canboat/canboat,
-/// samples/ (Apache-2.0), longitude shifted by 100 deg.
+/// samples/ (Apache-2.0), with the longitude shifted by 100 deg.
 const UNDER_WAY: &str = include_str!("../../../tests/flights/data/figure-of-eight.csv");
 
 #[test]
@@ -496,7 +495,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
         "{:?}",
         recording.mean
     );
-    // The boat turns by 108 deg and half of it back; the heading does not jump.
+    // The boat turns by 108 deg and then half of that back; the heading does not jump.
     let heading = || recording.y.iter().map(|y| y[HEADING].to_degrees());
     let turned = heading().fold(f64::MIN, f64::max) - heading().fold(f64::MAX, f64::min);
     assert!((100.0..115.0).contains(&turned), "{turned}");

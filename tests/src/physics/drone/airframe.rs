@@ -8,14 +8,13 @@ use super::config::AirframeConfig;
 use super::frame::{MAX_ROTORS, RotorFrame};
 use crate::physics::streams::Streams;
 
-/// Centre of mass in double precision, NED and FRD, SI.
+/// State of the centre of mass in double precision, NED and FRD, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AirframeMotion {
     pub(crate) position: Vector3<f64>,
     pub(crate) velocity: Vector3<f64>,
     /// Rotation NED from body.
     pub(crate) attitude: UnitQuaternion<f64>,
-    /// Body rates, rad/s.
     pub(crate) rates: Vector3<f64>,
 }
 
@@ -43,7 +42,6 @@ impl AirframeMotion {
     }
 }
 
-/// Airframe with true parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Airframe {
     pub(crate) mass: f64,
@@ -96,11 +94,11 @@ impl Airframe {
         }
     }
 
-    /// Collective thrust of a hover in still air, as a fraction of the true maximum.
+    /// Collective thrust for hovering in still air, as a fraction of the true maximum.
     pub(crate) fn hover(&self) -> f64 {
         self.mass * GRAVITY / (self.rotor_max * self.hubs.len() as f64)
     }
-    /// Present collective thrust, as a fraction of the true maximum.
+    /// Current collective thrust, as a fraction of the true maximum.
     pub(crate) fn thrust(&self) -> f64 {
         self.speeds.iter().map(|s| s * s).sum::<f64>() / self.hubs.len() as f64
     }
@@ -117,7 +115,7 @@ impl Airframe {
     }
 
     /// Applies rotor commands (fractions of the maximum thrust; None: stopped) for `dt`: `T ~ n²` and `dn/dt
-    /// = (n_c - n) / lag`, exact over `dt`.
+    /// = (n_c - n) / lag`, integrated exactly.
     pub(crate) fn spin(&mut self, command: Option<&[f64; MAX_ROTORS]>, dt: f64) {
         let keep = (-dt / self.lag).exp();
         for (i, speed) in self.speeds.iter_mut().take(self.hubs.len()).enumerate() {
@@ -126,15 +124,15 @@ impl Airframe {
         }
     }
 
-    /// Drag coefficient, N/(m/s)²: of the body, plus that of the rotors, which is complete from idle speed
-    /// on.
+    /// Drag coefficient, N/(m/s)²: sum of the body's and the rotors'. The rotors' share reaches its full
+    /// value at idle speed.
     fn drag(&self) -> f64 {
         let turning = (self.thrust() / self.idle.max(1e-4)).min(1.0).sqrt();
         self.parked_drag + (self.drag - self.parked_drag) * turning
     }
 
-    /// Force without gravity (NED, N), and moment about the centre of mass (body, N m). `deck`: centre of the
-    /// deck's surface, and rotation NED from deck.
+    /// Force without gravity (NED, N), and moment about the centre of mass (body, N m). `deck` is the centre
+    /// of the deck's surface and the rotation NED from deck.
     pub(crate) fn loads(
         &self,
         m: &AirframeMotion,
@@ -160,8 +158,8 @@ impl Airframe {
         (force, moment)
     }
 
-    /// Thrust near the deck relative to free air at equal power, `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett
-    /// 1955, eq. 8), with z along the rotor's axis to the surface, z >= R/2; 1 if the axis misses the deck.
+    /// Thrust near the deck relative to free air at equal power, `1 / (1 - (R / 4z)²)` (Cheeseman and Bennett 1955, eq.
+    /// 8), where z is the distance along the rotor's axis to the surface, z >= R/2; 1 if the axis misses the deck.
     fn ground_effect(
         &self,
         hub: &Vector3<f64>,
@@ -293,7 +291,7 @@ mod tests {
         for _ in 0..15 {
             a.spin(Some(&[1.0; MAX_ROTORS]), 0.002);
         }
-        // Speed from 0.5 to 1: 1 - 0.5/e after one time constant of 0.03 s.
+        // Speed rises from 0.5 to 1 - 0.5/e after one time constant of 0.03 s.
         let speed = a.thrust().sqrt();
         assert!(
             (speed - (1.0 - 0.5 / core::f64::consts::E)).abs() < 1e-9,

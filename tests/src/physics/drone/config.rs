@@ -25,7 +25,7 @@ config! {
 config! {
     /// Rotors, drag and unknown errors of mass and thrust.
     pub struct AirframeConfig {
-        /// Rotor arrangement: quad-x or hexa-x.
+        /// Rotor layout: quad-x or hexa-x.
         pub frame: RotorFrame = RotorFrame::QuadX;
         /// True mass relative to the nominal mass, before the random error of the seed.
         pub mass_factor: f64 = 1.0, in 0.3..=2.0;
@@ -47,9 +47,8 @@ config! {
         /// Source: Ctu-mrs t650.
         pub drag_n_per_mps2: f64 = 0.0995, in 0.0..=10.0;
         /// Quadratic drag of a parked drone with stopped rotors, N/(m/s)².
-        /// Source: sum over the body's parts (Hoerner 1965, sections 3 and 8), in air of 1.225 kg/m³: body
-        /// 0.24 x 0.15 m (1.05), four legs and four arms at an angle, 16 and 25 mm (1.2, cross-flow), motors
-        /// and blades: 0.082 m².
+        /// Source: sum over the body's parts (Hoerner 1965, sections 3 and 8), in air of 1.225 kg/m³: body 0.24 x 0.15
+        /// m (1.05), four legs and four arms at an angle, 16 and 25 mm (1.2, cross-flow), motors and blades: 0.082 m².
         pub parked_drag_n_per_mps2: f64 = 0.05, in 0.0..=10.0;
         /// Radius of a rotor disc, m; 0 disables the ground effect.
         /// Source: 15 inch propeller of the Tarot T650.
@@ -77,13 +76,13 @@ config! {
 config! {
     /// Mean wind and gusts.
     pub struct WindConfig {
-        /// Mean wind speed U10, 10 m above the water, m/s; the profile reduces it below that height.
+        /// Mean wind speed U10, 10 m above the water, m/s; the wind profile reduces it below that height.
         /// Source: the paper's simulations have no wind.
         pub mean_mps: f64 = 0.0, in 0.0..=30.0;
         /// Direction towards which the wind blows, deg from north towards east; drawn per seed if missing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub to_deg: Option<f64> = None;
-        /// Wind blows in the waves' direction; overrides `to_deg`.
+        /// The wind blows in the direction of the waves; overrides `to_deg`.
         pub with_waves: bool = false;
         /// Dryden gusts on the mean wind.
         pub gusts: bool = true;
@@ -107,15 +106,14 @@ pub enum LossAction {
 config! {
     /// Control loops and failsafes of the autopilot, after PX4 1.16 (parameter names under "Source").
     pub struct AutopilotConfig {
-        /// Imitated firmware: px4, or ardupilot, which has its own position and velocity gains, and no
-        /// `loss_action`.
+        /// Imitated firmware: px4 or ardupilot. ardupilot has its own position and velocity gains and no `loss_action`.
         pub firmware: Firmware = Firmware::Px4;
         /// Time constant of the response to a tilt set-point, s; if missing, the firmware's. PX4: inverse of
-        /// the attitude loop's gain. ArduCopter: that of the input shaping (ATC_INPUT_TC).
+        /// the attitude loop's gain. ArduCopter: time constant of the input shaping (ATC_INPUT_TC).
         /// Source: fits to flights of PX4 main of March 2026 (0.10 s) and of ArduCopter 4.7-dev (0.15 s).
         #[serde(skip_serializing_if = "Option::is_none")]
         pub attitude_lag_s: Option<f64> = None;
-        /// Dead time of attitude and thrust set-points in the autopilot, in addition to the wire's, s.
+        /// Dead time of attitude and thrust set-points in the autopilot, in addition to the wire's delay, s.
         pub dead_time_s: f64 = 0.0, in 0.0..=0.5;
         /// Gain of the heading loop, 1/s.
         /// Source: MC_YAW_P.
@@ -161,37 +159,36 @@ config! {
         /// Minimum collective thrust that position control commands, 0 to 1.
         /// Source: MPC_THR_MIN.
         pub min_thrust: f64 = 0.12, in 0.0..=0.5;
-        /// Compute tilt from the horizontal acceleration alone, as PX4 does; otherwise from the whole vector.
+        /// Compute tilt from the horizontal acceleration alone, as PX4 does; if false, from the full vector.
         /// Source: MPC_ACC_DECOUPLE.
         pub decouple_vertical: bool = true;
         /// Time without a set-point until the failsafe acts, s.
-        /// Source: COM_OF_LOSS_T (PX4's default is 1.0). Until then a drone continues to sink: with the pilot
-        /// process frozen for 2 s in descent or flare, 100 seeds had 11 hard contacts at 0.5 s, and 3 at 0.25
-        /// s.
+        /// Source: COM_OF_LOSS_T (PX4's default is 1.0). Until the failsafe acts, a drone continues to sink: with the
+        /// pilot process frozen for 2 s in descent or flare, 100 seeds had 11 hard contacts at 0.5 s, and 3 at 0.25 s.
         pub loss_after_s: f64 = 0.25, in 0.02..=60.0;
         /// Action of the failsafe.
         /// Source: COM_OBL_RC_ACT.
         pub loss_action: LossAction = LossAction::Hold;
         /// Deceleration at the start of a hold: horizontal, vertical, m/s².
-        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX raised above PX4's default of 4, less the effect of its jerk
-        /// limit. With the pilot process frozen for 2 s in descent, 74 cases had 3 hard contacts up to 2.2
-        /// m/s at 3 m/s², and 1 of 1.3 m/s at 6 m/s².
+        /// Source: MPC_ACC_HOR; MPC_ACC_UP_MAX, raised above PX4's default of 4 and reduced by the effect of
+        /// its jerk limit. With the pilot process frozen for 2 s in descent, 74 cases had 3 hard contacts of
+        /// up to 2.2 m/s at 3 m/s², and 1 of 1.3 m/s at 6 m/s².
         pub stop_mps2: [f64; 2] = [3.0, 6.0], in 0.5..=15.0;
         /// Speed of the autopilot's own landing, m/s.
         /// Source: MPC_LAND_SPEED.
         pub land_mps: f64 = 0.7, in 0.1..=5.0;
-        /// Height of `Return` above the start's datum, m.
+        /// Height of the `Return` mode above the datum of the start, m.
         /// Source: RTL_RETURN_ALT.
         pub return_height_m: f64 = 30.0, in 1.0..=500.0;
         /// Time constant of the hover thrust estimate, s.
-        /// Chosen: converges as PX4's hover thrust estimator does.
+        /// Chosen: converges like PX4's hover thrust estimator.
         pub hover_thrust_s: f64 = 2.0, in 0.1..=100.0;
         /// Initial hover thrust estimate relative to the true hover thrust.
         pub initial_hover_factor: f64 = 1.0, in 0.4..=2.0;
         /// One-way delay of the wire to the drone's computer, s.
         /// Source: an ODOMETRY of 244 bytes takes 2.6 ms at 921 600 baud.
         pub wire_s: f64 = 0.003, in 0.0..=0.5;
-        /// Maximum of the uniform addition to the wire's delay, s.
+        /// Maximum of the uniformly distributed addition to the wire's delay, s.
         pub wire_jitter_s: f64 = 0.001, in 0.0..=0.5;
         /// Charge of the battery at the start, 0 to 1.
         pub battery: f64 = 0.9, in 0.0..=1.0;
@@ -210,8 +207,8 @@ impl AutopilotConfig {
             Firmware::ArduCopter => 0.15,
         })
     }
-    /// The gains of ArduCopter, if it is the firmware (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in units of
-    /// acceleration).
+    /// Replaces the gains by ArduCopter's if it is the firmware (PSC_POSXY_P, PSC_VELXY_*, PSC_VELZ_P; in
+    /// units of acceleration).
     pub fn with_gains_of_firmware(&self) -> AutopilotConfig {
         match self.firmware {
             Firmware::Px4 => self.clone(),
@@ -235,13 +232,13 @@ config! {
         pub gnss_bias_s: f64 = 300.0, in 1.0..=1e5;
         /// Standard deviation of the barometer's drift relative to GNSS height in ten minutes, m.
         /// Source: static pressure drifts by 0.1 to 0.3 hPa in ten minutes (8 m per hPa), and wind adds
-        /// errors of that size.
+        /// errors of similar size.
         pub barometer_drift_m: f64 = 0.0, in 0.0..=100.0;
         /// White GNSS position error, m.
         pub gnss_noise_m: f64 = 0.3, in 0.001..=50.0;
         /// White GNSS velocity error, m/s.
         pub gnss_velocity_mps: f64 = 0.1, in 0.001..=10.0;
-        /// Report the height above the ellipsoid as well (`alt_ellipsoid` of `GPS_RAW_INT`).
+        /// Report the height above the ellipsoid in addition (`alt_ellipsoid` of `GPS_RAW_INT`).
         pub gnss_ellipsoid: bool = true;
         /// GNSS rate, Hz.
         pub gnss_hz: f64 = 10.0, in 1.0..=50.0;
@@ -249,7 +246,7 @@ config! {
         /// Chosen: ICM-42688 with vibration.
         pub gyro_noise_rps: f64 = 0.005, in 0.0..=0.5;
         /// Standard deviation of the constant gyro bias, rad/s.
-        /// Chosen: remaining bias after the estimator's correction.
+        /// Chosen: bias that remains after the estimator's correction.
         pub gyro_bias_rps: f64 = 0.002, in 0.0..=0.5;
         /// White accelerometer noise per 100 Hz sample with the motors off, m/s².
         /// Chosen: ICM-42688.
@@ -271,10 +268,10 @@ config! {
         pub heading_error_deg: f64 = 1.0, in 0.0..=45.0;
         /// Correlation time of the heading error, s.
         pub heading_error_s: f64 = 300.0, in 0.1..=1e5;
-        /// Heading error by the hull's steel at 1 m from the deck's centre, deg. It falls with the third
-        /// power of distance; gyroscopes delay it by seconds.
-        /// Source: field of a dipole (Jackson 1999, eq. 5.56): hull plates of 100 A m² turn a compass by 20
-        /// deg at 1 m.
+        /// Heading error caused by the hull's steel at 1 m from the deck's centre, deg. It decreases with the
+        /// third power of distance; the gyroscopes delay its effect by seconds.
+        /// Source: field of a dipole (Jackson 1999, eq. 5.56): hull plates of 100 A m² deflect a compass by
+        /// 20 deg at 1 m.
         pub steel_heading_deg: f64 = 0.0, in 0.0..=90.0;
         /// White error of each attitude angle, deg.
         pub attitude_noise_deg: f64 = 0.05, in 0.0..=5.0;
@@ -282,7 +279,6 @@ config! {
 }
 
 impl NavigationConfig {
-    /// Parameters for tests of control alone.
     pub fn without_errors() -> NavigationConfig {
         NavigationConfig {
             gnss_bias_m: 0.0,

@@ -1,9 +1,8 @@
 //! Contact of the drone with the deck, solved by rapier3d.
 //!
-//! Free flight is integrated in double precision. Rapier runs only near the deck; its result counts only in
-//! sub-steps in which a contact carries an impulse or the deck holds a foot. Its frame has its origin at the
-//! deck's centre and moves with it during a sub-step, so that single precision resolves micrometres, and the
-//! deck only rotates.
+//! Free flight is integrated in double precision. Rapier runs only near the deck; its result is used only in sub-steps
+//! in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at the deck's centre
+//! and translates with it during a sub-step, so that the deck only rotates and single precision resolves micrometres.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -20,7 +19,7 @@ use super::config::ContactConfig;
 pub enum Part {
     /// 0 front right, 1 rear left, 2 front left, 3 rear right.
     Foot(usize),
-    /// Rotor's end of an arm, numbered like the feet.
+    /// End of an arm at the rotor, numbered like the feet.
     Arm(usize),
     Body,
 }
@@ -36,16 +35,13 @@ pub struct Impact {
     pub position: Point<Deck>,
 }
 
-/// The deck's surface during a sub-step; NED, SI.
+/// The deck's surface in a sub-step, NED, SI units: centre of the upper surface and rotation NED from deck at
+/// the start, and the velocities over the sub-step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckSpan {
-    /// Centre of the upper surface at the start.
     pub(crate) centre: Vector3<f64>,
-    /// Rotation NED from deck at the start.
     pub(crate) turn: UnitQuaternion<f64>,
-    /// Velocity of the centre over the sub-step.
     pub(crate) velocity: Vector3<f64>,
-    /// Angular velocity over the sub-step, NED.
     pub(crate) spin: Vector3<f64>,
 }
 
@@ -70,7 +66,6 @@ fn pose(position: &Vector3<f64>, q: &UnitQuaternion<f64>) -> Pose {
     Pose::from_parts(to_rapier(position), turn.normalize())
 }
 
-/// Shape of a part and its contact history.
 struct PartContact {
     part: Part,
     collider: ColliderHandle,
@@ -91,14 +86,14 @@ pub(crate) struct GearContact {
     reach: f64,
     mass: f64,
     inertia: Vector3<f64>,
-    /// Force that holds down each foot, N.
+    /// Force that holds each foot down, N.
     holds: [f64; 4],
 }
 
-/// Sub-steps (10 ms) for which a part touches after its last impulse: a resting foot's impulse may vanish for
-/// single sub-steps.
+/// Sub-steps (10 ms) for which a part counts as touching after its last impulse: a resting foot's impulse may
+/// vanish for single sub-steps.
 const HOLD_STEPS: u32 = 5;
-/// Maximum speed of a renewed contact that counts as the same contact, m/s.
+/// Maximum speed at which a renewed contact counts as the same contact, m/s.
 const RENEWED_MPS: f64 = 0.05;
 /// Radius of the arm's end (motor), m. Chosen.
 const ARM_RADIUS_M: f64 = 0.03;
@@ -107,7 +102,7 @@ const FEET: [[f64; 2]; 4] = [[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]
 /// Half extents of the body, m. Source: the T650's body is 0.15 m high (ctu-mrs t650). Chosen: length and width.
 const BODY_HALF_M: [f64; 3] = [0.12, 0.12, 0.075];
 
-/// Without gravity, which the loads include.
+/// World without gravity, which is part of the loads.
 fn empty_world() -> PhysicsWorld {
     let mut world = PhysicsWorld::new();
     world.gravity = V::new(0.0, 0.0, 0.0);
@@ -208,14 +203,14 @@ impl GearContact {
         }
     }
 
-    /// Holds a foot down with this force, N.
+    /// Holds a foot to the deck with this force, N.
     pub(crate) fn snag(&mut self, foot: usize, newton: f64) {
         self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
     }
 
     /// Force and moment about the centre of mass that hold touching feet to the deck, NED. The force acts
-    /// along the deck's normal, adds to the normal force and thereby to friction (Coulomb), and ends when a
-    /// larger force pulls the foot off.
+    /// along the deck's normal and increases the normal force and thereby the friction (Coulomb). It ends
+    /// when a larger force pulls the foot off.
     fn hold(&self, before: &AirframeMotion, deck: &DeckSpan) -> (Vector3<f64>, Vector3<f64>) {
         let down = deck.turn * Vector3::z();
         let held = self.parts.iter().filter(|t| t.idle <= HOLD_STEPS);
@@ -228,7 +223,7 @@ impl GearContact {
         })
     }
 
-    /// Distance from the deck's box to a sphere at `position` around all parts, m; negative: overlap.
+    /// Distance from the deck's box to a sphere at `position` that encloses all parts, m; negative: overlap.
     pub(crate) fn distance(&self, position: &Vector3<f64>, deck: &DeckSpan) -> f64 {
         let p = deck.turn.inverse_transform_vector(&(position - deck.centre));
         let outside = Vector3::new(
@@ -245,9 +240,9 @@ impl GearContact {
         }
     }
 
-    /// Solves a sub-step of `dt` from `before`; `dv` and `dw` (NED, body) are changes by forces other than
-    /// contact. Returns the final motion if a contact carried an impulse or the deck holds a foot. Appends
-    /// new impacts to `impacts`.
+    /// Solves a sub-step of `dt` from `before`; `dv` and `dw` (NED, body) are changes caused by forces other
+    /// than contact. Returns the final motion if a contact carried an impulse or the deck holds a foot.
+    /// Appends new impacts to `impacts`.
     pub(crate) fn step(
         &mut self,
         before: &AirframeMotion,
@@ -257,8 +252,8 @@ impl GearContact {
         dt: f64,
         impacts: &mut Vec<Impact>,
     ) -> Option<AirframeMotion> {
-        // As a force, the load is distributed over rapier's sub-steps and balanced by the stored friction
-        // impulse.
+        // Applied as a force, the load is distributed over rapier's sub-steps and balanced by the stored
+        // friction impulse.
         let (hold, hold_moment) = self.hold(before, deck);
         let force = dv * (self.mass / dt) + hold;
         let moment = before.attitude * dw.component_mul(&self.inertia) / dt + hold_moment;
@@ -294,8 +289,7 @@ impl GearContact {
                 continue;
             };
             touched = true;
-            // Deepest point of the part in the deck, and its velocity before the contact within this
-            // sub-step.
+            // The part's deepest point in the deck, and its velocity before the contact in this sub-step.
             let offset = t.offset - before.attitude.inverse_transform_vector(&normal) * t.radius;
             let at = before.point(&offset);
             let relative = before.point_velocity(&offset) + dv * 0.5 - deck.point_velocity(&at);
@@ -322,7 +316,7 @@ impl GearContact {
         finite.copied().all(f64::is_finite).then_some(after)
     }
 
-    /// Motion in rapier after a sub-step.
+    /// Motion that rapier computed in a sub-step.
     pub(crate) fn raw(&self, deck: &DeckSpan, dt: f64) -> AirframeMotion {
         let b = &self.world.bodies[self.drone];
         let q = b.rotation();

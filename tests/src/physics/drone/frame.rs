@@ -1,9 +1,9 @@
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of rotors, and length of arrays by rotor; unused entries are zero.
+/// Maximum number of rotors, which is the length of per-rotor arrays; unused entries are zero.
 pub const MAX_ROTORS: usize = 6;
 
-/// Rotors numbered and turning as in PX4's airframe reference.
+/// Rotors with the numbering and directions of PX4's airframe reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RotorFrame {
@@ -36,8 +36,8 @@ const HEXA_X: [[f64; 3]; 6] = [
 
 impl RotorFrame {
     /// `[forward, right, yaw]` of each rotor: position in units of arm / sqrt 2, and yaw direction. A rotor
-    /// that turns counter-clockwise from above yaws the body clockwise (+yaw in FRD). The squares sum to the
-    /// number of rotors along each axis.
+    /// that turns counter-clockwise, viewed from above, yaws the body clockwise (+yaw in FRD). Along each
+    /// axis the squares sum to the number of rotors.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
             RotorFrame::QuadX => &QUAD_X,
@@ -47,7 +47,7 @@ impl RotorFrame {
     pub fn count(self) -> usize {
         self.rotors().len()
     }
-    /// Change of each rotor's thrust for a unit of roll, pitch and yaw; lift T at (x, y) has the moment (-y T, x T).
+    /// Change of each rotor's thrust per unit of roll, pitch and yaw; lift T at (x, y) has the moment (-y T, x T).
     pub(crate) fn axes(self) -> [[f64; MAX_ROTORS]; 3] {
         let mut axes = [[0.0; MAX_ROTORS]; 3];
         for (i, [x, y, sense]) in self.rotors().iter().enumerate() {

@@ -1,4 +1,4 @@
-//! True state of the drone; [`crate::autopilots`] has its autopilot.
+//! True state of the drone; its autopilot is in [`crate::autopilots`].
 //!
 //! [`SimulatedDrone::step`] advances a tick in sub-steps of at most 2 ms: wind, rotors, forces, contact. Free
 //! flight is integrated in double precision; near the deck rapier3d solves contact.
@@ -34,9 +34,9 @@ pub use contact::{Impact, Part};
 pub use frame::{MAX_ROTORS, RotorFrame};
 
 const SUB_STEP_S: f64 = 0.002;
-/// Distance from the deck at which the ground effect is below 0.1 % and is omitted, m.
+/// Distance from the deck above which the ground effect is omitted, m; it is below 0.1 %.
 const GROUND_EFFECT_M: f64 = 3.0;
-/// Clearance at which rapier starts, m: more than a sub-step at 10 m/s and rapier's margin.
+/// Clearance below which rapier runs, m: more than the distance of a sub-step at 10 m/s plus rapier's margin.
 const CONTACT_MARGIN_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -49,7 +49,6 @@ pub struct DroneStart {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StepReport {
-    /// Parts that hit the deck in this tick.
     pub impacts: Vec<Impact>,
     /// Feet that touch the deck at the tick's end (within the last 10 ms): front right, rear left, front
     /// left, rear right.
@@ -69,7 +68,7 @@ pub struct SimulatedDrone {
     /// Obstacles around the deck, with their wakes.
     bodies: Seq<KeepOut, MAX_KEEP_OUT>,
     deck_half: [f64; 2],
-    /// Extent below and above the centre of mass, m.
+    /// Extent of the drone below and above the centre of mass, m.
     reach: [f64; 2],
     motion: AirframeMotion,
     acceleration: Vector3<f64>,
@@ -81,24 +80,20 @@ pub struct SimulatedDrone {
     specific_force: Vector3<f64>,
 }
 
-/// Truth for a firmware's sensors.
+/// Truth for a firmware's sensors, SI units: position and velocity of the centre of mass in NED, rotation NED
+/// from body, rates and specific force in the body frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
     pub at: Time<TrueTime>,
-    /// Centre of mass, NED, m.
     pub position: Vector3<f64>,
-    /// Velocity, NED, m/s.
     pub velocity: Vector3<f64>,
-    /// Rotation NED from body.
     pub attitude: UnitQuaternion<f64>,
-    /// Body rates, rad/s.
     pub rates: Vector3<f64>,
-    /// Specific force, body frame, m/s².
     pub specific_force: Vector3<f64>,
 }
 
-/// The deck at the fraction `s` of the `h` seconds from `a` to `b`: cubic in position, constant rotation
-/// rate.
+/// The deck at the fraction `s` of the interval of `h` seconds from `a` to `b`: cubic in position, constant
+/// rotation rate.
 fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     let (p, q) = (a.position.0, b.position.0);
     let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
@@ -111,14 +106,14 @@ fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
     }
 }
 
-/// Direction of the seed's wind if none is configured, towards, deg from north towards east.
+/// Direction towards which the seed's wind blows if none is configured, deg from north towards east.
 pub fn wind_to_deg(streams: &Streams) -> f64 {
     wind::drawn_direction(&mut streams.stream("wind")).to_degrees()
 }
 
 impl SimulatedDrone {
-    /// A drone that hovers at `start`. Mass, thrust and wind come from the streams `drone.airframe`, `wind`
-    /// and `wind/wake`.
+    /// Drone that hovers at `start`. Mass, thrust and wind come from the random streams `drone.airframe`,
+    /// `wind` and `wind/wake`.
     pub fn new(
         config: &DroneConfig,
         drone: &DroneGeometry,
@@ -183,9 +178,9 @@ impl SimulatedDrone {
         }
     }
 
-    /// Advances from `t` by `dt`; the deck moves from `deck[0]` to `deck[1]` (cubic in position). `water_z`:
-    /// water surface below the drone (NED, down, m). `motors`, called for each part of the tick with its
-    /// initial state, returns fractions of a rotor's maximum thrust; None: motors off.
+    /// Advances from `t` by `dt`; the deck moves from `deck[0]` to `deck[1]` (cubic in position). `water_z`
+    /// is the water surface below the drone (NED, down, m). `motors` is called for each sub-step with its
+    /// initial state and returns fractions of a rotor's maximum thrust; None: motors off.
     pub fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -255,7 +250,7 @@ impl SimulatedDrone {
     pub fn on_pad(&self) -> bool {
         self.pad.is_some()
     }
-    /// Keeps the drone on its pad, level and at rest, until it has risen; the pad then disappears.
+    /// Keeps the drone on its pad, level and at rest, until it rises; the pad then disappears.
     fn rest_on_pad(&mut self) {
         const LEFT_M: f64 = 0.5;
         let Some(pad) = self.pad else { return };
@@ -326,7 +321,7 @@ impl SimulatedDrone {
         }
         soles
     }
-    /// Collective thrust of a hover in still air, as a fraction of the true maximum.
+    /// Collective thrust for hovering in still air, as a fraction of the true maximum.
     pub fn hover_thrust(&self) -> f64 {
         self.airframe.hover()
     }

@@ -1,24 +1,24 @@
-//! Wind over the deck: boundary layer of the plate, and wakes of obstacles. Deck axes (forward, right, down
-//! from its centre), m and m/s; wind relative to the deck.
+//! Wind over the deck: boundary layer of the deck plate, and wakes of obstacles. Deck axes (forward, right,
+//! down from the deck's centre), m and m/s; the wind is relative to the deck.
 
 use alight_shared::surroundings::KeepOut;
 use nalgebra::{Vector2, Vector3};
 
 /// Kinematic viscosity of air at 15 deg C, m²/s.
 pub(crate) const VISCOSITY: f64 = 1.46e-5;
-/// PRIME: speed deficit behind the lee face, and turbulence intensity far behind the box, horizontal and
-/// vertical; near the box it is 1.7 times as high (Weil 1996).
+/// PRIME: speed deficit behind the lee face, and horizontal and vertical turbulence intensity far behind the
+/// box; near the box the intensity is 1.7 times as high (Weil 1996).
 const DEFICIT: f64 = 0.7;
 const INTENSITY: [f64; 3] = [0.08, 0.08, 0.06];
 const NEAR: f64 = 1.7;
 /// Exponent of the decay of deficit and turbulence with distance.
 const DECAY: f64 = 2.0 / 3.0;
-/// Minimum wind in a wake, relative to the wind ahead.
+/// Minimum wind speed in a wake, relative to the wind ahead.
 const MIN_SPEED: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BodyWake {
-    /// Wind speed relative to that ahead of the box.
+    /// Wind speed relative to the wind ahead of the box.
     pub(crate) speed: f64,
     /// Standard deviation of turbulence relative to the wind ahead: along the deck, across, vertical.
     pub(crate) intensity: [f64; 3],
@@ -26,9 +26,9 @@ pub(crate) struct BodyWake {
     pub(crate) length: f64,
 }
 
-/// Root mean square of `u / U` between the heights `span` above a flat plate, `fetch` behind its windward
-/// edge in wind `U`; drag scales with its square. Turbulent boundary layer `u / U = (h / delta)^(1/7)`,
-/// `delta = 0.37 x / Re_x^0.2` (Schlichting 1979, section 21.1).
+/// Root mean square of `u / U` over the heights `span` above a flat plate, at the distance `fetch` behind its
+/// windward edge, in wind `U`; drag scales with its square. Turbulent boundary layer `u / U = (h /
+/// delta)^(1/7)`, `delta = 0.37 x / Re_x^0.2` (Schlichting 1979, section 21.1).
 pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
     let thickness = 0.37 * fetch * (speed * fetch / VISCOSITY).max(1.0).powf(-0.2);
     let [low, high] = span.map(|h| h.max(0.0));
@@ -43,7 +43,7 @@ pub(crate) fn boundary_layer(speed: f64, fetch: f64, span: [f64; 2]) -> f64 {
 }
 
 /// Distance from `place` to the windward edge of a deck with these half lengths, opposite to `towards`, m;
-/// None off the deck.
+/// None outside the deck.
 pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>) -> Option<f64> {
     let to_edge = |i: usize| (half[i] + place[i] * towards[i].signum()) / towards[i].abs().max(1e-9);
     let over = (0..2).all(|i| place[i].abs() <= half[i]);
@@ -51,8 +51,8 @@ pub(crate) fn fetch(half: [f64; 2], place: &Vector3<f64>, towards: &Vector2<f64>
 }
 
 impl BodyWake {
-    /// Wake of a box at `place`, in wind `towards` (unit vector) of the given turbulence intensities; None
-    /// outside.
+    /// Wake of a box at `place`, in wind `towards` (unit vector) with the given turbulence intensities; None
+    /// outside the wake.
     ///
     /// Source: building wake of PRIME (Schulman, Strimaitis and Scire 2000, J. Air & Waste Manage. Assoc.
     /// 50), for projected width W, length L, height H above the box's base, and `R = min(H, W)^(2/3) max(H,
@@ -87,7 +87,7 @@ impl BodyWake {
         let decay = ((x - length).max(0.0) / scale + 1.0).powf(DECAY);
         let over_roof = (x / length.max(1e-9)).min(1.0);
         let deficit = DEFICIT * taper / decay * over_roof;
-        // Constant up to the cavity's height, then linear to the top.
+        // Constant up to the cavity's height, then linear up to the top of the wake.
         let cavity = cavity_height([length, width, height], scale, x);
         let below = (1.0 - 2.0 * top * deficit / (top + cavity)).max(0.0);
         let rise = ((z - cavity) / (top - cavity).max(1e-9)).clamp(0.0, 1.0);
@@ -104,9 +104,9 @@ impl BodyWake {
     }
 }
 
-/// Height of the cavity at `x` behind the windward face of a box, m; 0 beyond its length `1.8 W / ((L/H)^e
-/// (1 + 0.24 W/H))`, with L/H within 0.3 to 3 and e = 0.3, less for a slender box (Fackrell 1984, as in
-/// PRIME).
+/// Height of the cavity at the distance `x` behind the windward face of a box, m; 0 beyond the cavity's
+/// length `1.8 W / ((L/H)^e (1 + 0.24 W/H))`, with L/H clamped to 0.3 to 3 and e = 0.3, less for a slender
+/// box (Fackrell 1984, as in PRIME).
 fn cavity_height([length, width, height]: [f64; 3], scale: f64, x: f64) -> f64 {
     let (ratio, slender) = (width / height, (width / height - 0.33) / 0.67);
     let exponent = 0.3 * slender.clamp(0.0, 1.0);
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     const CALM: [f64; 3] = [0.0; 3];
-    /// A wheelhouse of 2 m ahead of the deck, in a headwind.
+    /// Wheelhouse, a cube of 2 m ahead of the deck, in a headwind.
     const CUBE: KeepOut = KeepOut {
         low: [2.0, -1.0, -2.0],
         high: [4.0, 1.0, 0.0],
@@ -195,7 +195,7 @@ mod tests {
         assert!(aft(2.0, 3.0, 1.0).is_none() && aft(2.0, 0.0, 4.0).is_none());
         let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());
         assert!(edge.speed > middle.speed && edge.intensity[0] < middle.intensity[0]);
-        // Turbulence of the wind itself is not added twice.
+        // The wind's own turbulence is not added twice.
         let gusty = BodyWake::of(
             &CUBE,
             &Vector3::new(-20.0, 0.0, -1.0),

@@ -1,5 +1,3 @@
-//! Contact, free fall, water.
-
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -9,7 +7,7 @@ use super::*;
 const DT: f64 = 0.01;
 const FEET: f64 = 0.30;
 
-/// No errors of mass and thrust.
+/// Parameters without errors of mass and thrust.
 fn ideal() -> DroneConfig {
     let mut c = DroneConfig::default();
     c.airframe.mass_error = 0.0;
@@ -44,7 +42,6 @@ fn deck_at(position: Vector3<f64>, roll: f64, pitch: f64) -> RigidState<Deck> {
 fn nowhere() -> RigidState<Deck> {
     deck_at(Vector3::new(0.0, 0.0, 500.0), 0.0, 0.0)
 }
-/// One tick from `t` with motors off.
 fn tick(
     w: &mut SimulatedDrone,
     t: f64,
@@ -55,13 +52,13 @@ fn tick(
     let (t, dt) = (Time::from_secs(t), Span::from_secs(DT));
     w.step(t, dt, &[*from, *to], water_z, 1, |_| None).remove(0)
 }
-/// Impacts within `seconds` over a resting deck.
+/// Impacts within `seconds` above a deck at rest.
 fn rest(w: &mut SimulatedDrone, deck: &RigidState<Deck>, seconds: f64) -> Vec<Impact> {
     (0..(seconds / DT).round() as usize)
         .flat_map(|k| tick(w, k as f64 * DT, deck, deck, 100.0).impacts)
         .collect()
 }
-/// Sets the motion; rotors stand still.
+/// Sets the motion, with the rotors stopped.
 fn drop_from(w: &mut SimulatedDrone, m: AirframeMotion) {
     w.airframe.spin(None, 100.0);
     w.motion = m;
@@ -130,7 +127,6 @@ fn contact_friction_at_10_and_30_deg() {
     }
 }
 
-/// A drone at rest on a deck with a holding force (N) and a tilt (deg).
 fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDrone, RigidState<Deck>) {
     let (deck, tilt) = (
         DeckGeometry {
@@ -201,7 +197,7 @@ fn parked_drone_under_drag_and_friction() {
 
 #[test]
 fn contact_sliding_deceleration() {
-    // 1.5 m/s sideways on a level deck: a = mu g until the drone stops after v²/(2 mu g) = 0.287 m.
+    // At 1.5 m/s sideways on a level deck: a = mu g until the drone stops after v²/(2 mu g) = 0.287 m.
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let mut m = still(Vector3::new(-0.4, 0.0, -FEET), 0.0, 0.0);
@@ -218,7 +214,7 @@ fn contact_sliding_deceleration() {
 #[test]
 fn drone_dropped_at_45_deg() {
     let deck = deck_at(Vector3::zeros(), 0.0, 0.0);
-    // Wide enough for the drone to come to rest.
+    // Deck wide enough for the drone to come to rest on it.
     let wide = DeckGeometry {
         width_m: 20.0,
         ..DeckGeometry::default()
@@ -236,7 +232,7 @@ fn drone_dropped_at_45_deg() {
 
 #[test]
 fn drone_at_rest_on_a_rocking_deck() {
-    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: a resting drone must follow without creep.
+    // Roll 8 deg / 5 s, heave 0.5 m / 5 s, surge 1 m/s: a resting drone must follow the deck without creep.
     let deck = |t: f64| {
         let w = core::f64::consts::TAU / 5.0;
         let (s, c) = (w * t).sin_cos();
@@ -287,7 +283,7 @@ fn drone_at_rest_on_a_rocking_deck() {
 
 #[test]
 fn free_fall_across_the_hand_over_to_rapier() {
-    // The drone falls past the deck's edge: rapier runs, but nothing touches.
+    // The drone falls past the deck's edge: rapier runs, but no part touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
     (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
@@ -308,7 +304,7 @@ fn free_fall_across_the_hand_over_to_rapier() {
 
 #[test]
 fn rapier_against_free_flight() {
-    // One sub-step of rapier without contact against the integration in double precision.
+    // Compares one sub-step of rapier without contact with the integration in double precision.
     let mut w = drone(&ideal(), 1, Vector3::zeros());
     let m = AirframeMotion {
         position: Vector3::new(1000.2, 200.3, -2.5),

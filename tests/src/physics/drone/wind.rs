@@ -1,5 +1,5 @@
-//! Wind over the water: a mean that falls towards the surface, Dryden gusts, and the vessel's effect on both
-//! over the deck.
+//! Wind over the water: a mean that decreases towards the surface, Dryden gusts, and the vessel's effect on
+//! both above the deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::surroundings::KeepOut;
@@ -12,19 +12,19 @@ use super::over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch};
 use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;
-/// Heights of a scenario's wind speed, and of the gust model's (20 ft), m.
+/// Height at which a scenario states its wind speed, and that of the gust model (20 ft), m.
 const STATED_M: f64 = 10.0;
 const DRYDEN_M: f64 = 20.0 * FOOT_M;
-/// Minimum height of the profile, m; there is no wind between the waves.
+/// Minimum height of the profile, m; between the waves there is no wind.
 const LOWEST_M: f64 = 0.1;
-/// Von Karman's constant, and Charnock's parameter over the open sea (Smith 1988).
+/// Von Karman's constant, and Charnock's parameter for the open sea (Smith 1988).
 const KARMAN: f64 = 0.4;
 const CHARNOCK: f64 = 0.011;
 /// Relative wind below which the air over the deck counts as still, m/s.
 const STILL_MPS: f64 = 1e-3;
 
-/// Mean speed over the water in neutral air, from U10: `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha u*²/g +
-/// 0.11 nu/u*` (Charnock 1955; Smith 1988, J. Geophys. Res. 93: alpha 0.011).
+/// Mean wind speed over the water in neutral air, from U10: `U(z) = (u*/kappa) ln(z/z0)` with `z0 = alpha
+/// u*²/g + 0.11 nu/u*` (Charnock 1955; Smith 1988, J. Geophys. Res. 93: alpha 0.011).
 #[derive(Clone, Copy, Debug)]
 struct Profile {
     /// `u*/kappa`, m/s.
@@ -36,7 +36,7 @@ struct Profile {
 impl Profile {
     fn new(u10: f64) -> Profile {
         let roughness = |u: f64| CHARNOCK * u * u / GRAVITY + 0.11 * VISCOSITY / u;
-        // Each iteration reduces the error to a tenth or less.
+        // Each iteration reduces the error at least tenfold.
         let friction = (0..20).fold(0.035 * u10.max(1e-6), |u, _| {
             KARMAN * u10.max(1e-6) / (STATED_M / roughness(u)).ln().max(1.0)
         });
@@ -51,7 +51,7 @@ impl Profile {
 }
 
 pub(crate) struct OverDeck<'a> {
-    /// Rotation NED from deck, and the velocity of the deck's centre, NED.
+    /// Rotation NED from deck, and velocity of the deck's centre, NED.
     pub(crate) turn: UnitQuaternion<f64>,
     pub(crate) velocity: Vector3<f64>,
     /// Centre of mass in the deck's axes, m.
@@ -60,14 +60,13 @@ pub(crate) struct OverDeck<'a> {
     pub(crate) reach: [f64; 2],
     /// Half the deck's length and width, m.
     pub(crate) half: [f64; 2],
-    /// The wind treats each obstacle as a solid box.
     pub(crate) bodies: &'a [KeepOut],
 }
 
-/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies of obstacles upwind.
+/// Mean wind, Dryden gusts (MIL-F-8785C, section 3.7.3.4, low-altitude model), and eddies from obstacles upwind.
 #[derive(Clone, Debug)]
 pub(crate) struct SimulatedWind {
-    /// Direction of the mean wind, towards (unit vector, NED), and its profile.
+    /// Direction towards which the mean wind blows (unit vector, NED), and its profile.
     ahead: Vector3<f64>,
     profile: Profile,
     gusts: bool,
@@ -76,13 +75,13 @@ pub(crate) struct SimulatedWind {
     lateral: [f64; 2],
     vertical: [f64; 2],
     rng: Stream,
-    /// Eddies of a wake along the deck's axes, of unit variance, from their own stream.
+    /// Wake eddies along the deck's axes, with unit variance, from a separate stream.
     eddies: Vector3<f64>,
     wake_rng: Stream,
     now: Vector3<f64>,
 }
 
-/// Direction of the mean wind, towards, rad: the first draw of its stream.
+/// Direction towards which the mean wind blows, rad: the first draw of its stream.
 pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
     rng.random_range(0.0..core::f64::consts::TAU)
 }
@@ -128,7 +127,7 @@ impl SimulatedWind {
     /// With `W20` at 20 ft and h in ft: `sigma_w = 0.1 W20`, `sigma_u = sigma_v = sigma_w / (0.177 + 0.000823
     /// h)^0.4`, `L_w = h`, `L_u = L_v = h / (0.177 + 0.000823 h)^1.2`. The longitudinal filter is first-order
     /// with `T = L/V`, the others are `(1 + sqrt(3) T s) / (1 + T s)²`. V is the drone's speed relative to
-    /// the mean wind, which carries the frozen gusts, at least 1 m/s.
+    /// the mean wind, which carries the frozen gusts; it is at least 1 m/s.
     fn gust(&mut self, dt: f64, height: f64, airspeed: f64) -> (Vector3<f64>, [f64; 3]) {
         let h = (height / FOOT_M).clamp(10.0, 1000.0);
         let k = 0.177 + 0.000_823 * h;
@@ -157,9 +156,9 @@ impl SimulatedWind {
         (gust, [sigma_u, sigma_u, sigma_w])
     }
 
-    /// Wind over the deck from `wind` (NED) with gusts of `sd`. Boundary layer and deepest wake reduce its
-    /// component along the deck. The wake's eddies pass at the wind's speed, and add the turbulence that the
-    /// gusts lack.
+    /// Wind over the deck from `wind` (NED) with gusts of `sd`. The boundary layer and the deepest wake
+    /// reduce the component along the deck. The wake's eddies are advected at the wind's speed and supply the
+    /// turbulence that the gusts lack.
     fn over_deck(&mut self, dt: f64, wind: Vector3<f64>, sd: [f64; 3], over: &OverDeck<'_>) -> Vector3<f64> {
         let mut relative = over.turn.inverse_transform_vector(&(wind - over.velocity));
         let speed = relative.xy().norm();
@@ -196,7 +195,7 @@ impl SimulatedWind {
 mod tests {
     use super::*;
 
-    /// A deck at rest around a drone at `place`.
+    /// Deck at rest around a drone at `place`.
     fn over(bodies: &[KeepOut], place: [f64; 3]) -> OverDeck<'_> {
         OverDeck {
             turn: UnitQuaternion::identity(),
@@ -272,7 +271,7 @@ mod tests {
         let (mean, sd) = spread(8.0, 1.8, &over(&cube, lee));
         assert!(mean.x.abs() < 0.5 * free.x.abs(), "{mean} of {free}");
         assert!(sd.z > 0.12 * free.x.abs(), "{sd}");
-        // Vessel motion in still air causes a relative wind.
+        // The vessel's motion causes a relative wind in still air.
         let config = WindConfig::default();
         let mut wind = SimulatedWind::new(&config, &Streams::new(7));
         let mut under_way = over(&cube, lee);

@@ -20,7 +20,7 @@ pub enum SeaKind {
     Paper,
     /// Irregular: JONSWAP spectrum (Hasselmann 1973), directional spread cos^2s.
     Jonswap,
-    /// Pierson-Moskowitz spectrum (JONSWAP with gamma 1) of given height and peak period.
+    /// Pierson-Moskowitz spectrum (JONSWAP with gamma 1) with a given height and peak period.
     PiersonMoskowitz,
     Systems,
 }
@@ -50,7 +50,7 @@ config! {
         pub gamma: f64 = 3.3, in 1.0..=7.0;
         /// Exponent s of the directional spread cos^2s((direction - mean)/2).
         pub spread: f64 = 10.0, in 1.0..=100.0;
-        /// Direction of the waves, towards, clockwise from the sea's mean direction, deg.
+        /// Direction in which the waves travel, clockwise from the sea's mean direction, deg.
         pub from_mean_deg: f64 = 0.0, in -360.0..=360.0;
     }
 }
@@ -68,9 +68,9 @@ impl WaveSystem {
 config! {
     /// A sea state.
     ///
-    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular:
-    /// height and period of the same order (chosen), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea, Goda
-    /// 2000), 24 components (chosen: no repetition within a trial).
+    /// Defaults: Moderate of the paper (0.5 m, 5 s); scale and direction step: Procházka 2024. Irregular
+    /// seas: height and period of the same order (chosen), gamma 3.3 (Hasselmann 1973), s = 10 (wind sea,
+    /// Goda 2000), 24 components (chosen so that the sea does not repeat within a trial).
     pub struct SeaConfig {
         /// Kind of sea; keys of other kinds have no effect.
         pub kind: SeaKind = SeaKind::Paper;
@@ -92,7 +92,7 @@ config! {
         pub spread: f64 = 10.0, in 1.0..=100.0;
         /// Irregular seas: number of components.
         pub components: usize = 24;
-        /// Direction of the waves, towards, clockwise from north, deg; drawn per seed if missing.
+        /// Direction in which the waves travel, clockwise from north, deg; drawn per seed if missing.
         pub mean_direction_deg: Option<f64> = None;
         /// Wave systems of the kind `systems`, with `components` components each.
         #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -100,7 +100,7 @@ config! {
     }
     check |this, at| {
         if this.kind == SeaKind::Paper {
-            // Each component has the steepness k A of the middle one; a sum of 1 makes loops.
+            // Each component has the steepness k A of the middle one; at a sum of 1 the surface loops.
             let k = (TAU / this.period_s).powi(2) / GRAVITY;
             at.range("amplitude_m", this.amplitude_m, 0.0, 0.95 / (3.0 * k))?;
         }
@@ -120,7 +120,7 @@ config! {
             this.systems.len() <= MAX_SYSTEMS && this.systems.is_empty() == (this.kind != SeaKind::Systems),
             "systems",
             this.systems.len(),
-            "1 to 4 of the kind systems, none of the others",
+            "1 to 4 for the kind systems, none for the others",
         )?;
         for system in &this.systems {
             system.check(&at.table("systems"))?;
@@ -159,7 +159,7 @@ impl SeaConfig {
         }])
     }
     /// Sea state 1 to 5: a fully developed sea with the middle significant height of its class in WMO code
-    /// table 3700 (0 to 0.1, 0.1 to 0.5, 0.5 to 1.25, 1.25 to 2.5, 2.5 to 4 m), and the peak period `2 pi /
+    /// table 3700 (0 to 0.1, 0.1 to 0.5, 0.5 to 1.25, 1.25 to 2.5, 2.5 to 4 m) and the peak period `2 pi /
     /// (0.4 sqrt(g / Hs))` (Pierson and Moskowitz 1964, as in Fossen 2011, section 8.2.1).
     pub fn of_sea_state(state: u8) -> Option<Self> {
         let height = *[0.05, 0.3, 0.875, 1.875, 3.25].get(usize::from(state).checked_sub(1)?)?;
@@ -193,7 +193,7 @@ impl SeaConfig {
         match self.kind {
             SeaKind::Calm => 0.0,
             SeaKind::Paper => {
-                // A drawn scale counts with its mean.
+                // The mean of the distribution replaces a drawn scale.
                 let s = self.wavelength_scale.unwrap_or(1.3);
                 4.0 * self.amplitude_m * (0.5 * (1.0 + s * s + 1.0 / (s * s))).sqrt()
             }
@@ -202,12 +202,12 @@ impl SeaConfig {
             }
         }
     }
-    /// Wind U10 of a fully developed sea, m/s: `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq. 8.77) times
-    /// `(10/19.4)^(1/7)`.
+    /// Wind U10 that causes a fully developed sea, m/s: `sqrt(Hs g² / 2.06)` at 19.4 m (Fossen 2011, eq.
+    /// 8.77) times `(10/19.4)^(1/7)`.
     pub fn wind_of_height(significant_height_m: f64) -> f64 {
         (significant_height_m * GRAVITY * GRAVITY / 2.06).sqrt() * (10.0_f64 / 19.4).powf(1.0 / 7.0)
     }
-    /// calm, slight, moderate, rough or very-rough.
+    /// `name` is calm, slight, moderate, rough or very-rough.
     pub fn named(name: &str) -> Option<Self> {
         Some(match name {
             "calm" => Self::paper(0.0, 5.0),
@@ -247,7 +247,7 @@ impl FromStr for SeaConfig {
         if a == 0.0 && t == 0.0 {
             return Ok(Self::paper(0.0, 5.0));
         }
-        // Checked before `paper`, so that the error names a negative or absurd value.
+        // Checked before `paper`, so that the error names a negative or implausible value.
         let sea = SeaConfig {
             amplitude_m: a,
             period_s: t,
@@ -258,7 +258,7 @@ impl FromStr for SeaConfig {
     }
 }
 
-/// `jonswap:HS,TP@DEG`; without `@DEG` in the mean direction.
+/// Parses `jonswap:HS,TP@DEG`; without `@DEG` the system has the mean direction.
 fn wave_system(text: &str) -> Option<WaveSystem> {
     let number = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite());
     let (spectrum, rest) = text.split_once(':')?;

@@ -1,17 +1,17 @@
-//! True sea: deep-water Gerstner waves at any point and time.
+//! True sea: deep-water Gerstner waves at any position and time.
 //!
-//! A water particle with label `x0` (its horizontal position at rest) is at `x = x0 - sum q A d sin(theta)`, with
-//! elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`, `w² = g k` (Gerstner 1802; several components as
-//! in Tessendorf 2001 and VRX). Samples are Eulerian (at a fixed position), so `x0` is solved from `x` by two Newton
-//! steps and a second-order correction of the phases, at constant cost. The surface has no loops while `sum q k A < 1`,
-//! which [`Sea::new`] ensures by reducing q.
+//! A water particle with label `x0` (its horizontal position at rest) is at `x = x0 - sum q A d sin(theta)`,
+//! with elevation `zeta = sum A cos(theta)`, `theta = k d.x0 - w t + phi`, `w² = g k` (Gerstner 1802; several
+//! components as in Tessendorf 2001 and VRX). Samples are Eulerian (at a fixed position). Two Newton steps
+//! and a second-order correction of the phases solve `x` for `x0` at constant cost. The surface has no loops
+//! while `sum q k A < 1`, which [`Sea::new`] ensures by reducing q.
 //!
-//! Below the surface, velocity and acceleration decay with `exp(-k h)`, where h is the depth below the *instantaneous*
-//! surface. This is exact for one Gerstner wave up to second order in steepness, and is Wheeler's method (1970) for
-//! irregular seas. Above the surface h is zero.
+//! Below the surface, velocity and acceleration decay with `exp(-k h)`, where h is the depth below the
+//! *instantaneous* surface. This is exact up to second order in steepness for one Gerstner wave, and is
+//! Wheeler's method (1970) for irregular seas. Above the surface h is zero.
 //!
-//! A linear sea ([`Sea::linear`], for vessels moved by a response table) evaluates the phases at the position itself:
-//! `zeta = sum A cos(k d.x - w t + phi)`, without solving.
+//! A linear sea ([`Sea::linear`], for vessels moved by a response table) evaluates the phases at the sampled
+//! position: `zeta = sum A cos(k d.x - w t + phi)`, without solving for `x0`.
 
 pub mod config;
 pub mod spectrum;
@@ -49,7 +49,7 @@ pub struct SeaComponent {
 }
 
 impl SeaComponent {
-    /// A deep-water wave with this angular frequency.
+    /// Deep-water wave with this angular frequency.
     pub fn deep(amplitude_m: f64, frequency: f64, direction_rad: f64, phase: f64) -> Self {
         SeaComponent {
             amplitude_m,
@@ -65,7 +65,7 @@ impl SeaComponent {
 pub struct WaterSample {
     /// Surface above the rest level, positive up, m.
     pub elevation_m: f64,
-    /// Rise of the surface per distance to the north and east.
+    /// Slope of the surface to the north and east, m/m.
     pub slope: Vector2<f64>,
     /// Velocity of the water, NED, m/s.
     pub velocity: Vector3<f64>,
@@ -89,9 +89,8 @@ pub struct Sea {
     components: Vec<SeaComponent>,
     /// q: fraction of the full horizontal displacement.
     steepness_factor: f64,
-    /// Airy waves: `zeta = sum A cos(k d.x - w t + phi)` at the position itself.
+    /// Airy waves: `zeta = sum A cos(k d.x - w t + phi)` at the sampled position.
     linear: bool,
-    /// Direction towards which the waves run, clockwise from north, rad.
     mean_direction: f64,
 }
 
@@ -111,7 +110,7 @@ impl Sea {
     }
 
     /// Airy waves of this sea, with at least [`LINEAR_COMPONENTS`] components if irregular, for a vessel
-    /// whose response is linear in the displayed waves.
+    /// whose response is linear in the sampled waves.
     pub fn linear(config: &SeaConfig, streams: &Streams) -> Sea {
         let mean = mean_direction(config, streams);
         let systems = config.wave_systems().len().max(1);
@@ -132,7 +131,7 @@ impl Sea {
         }
     }
 
-    /// A regular wave that runs towards `direction_rad`, clockwise from north.
+    /// Regular wave that travels towards `direction_rad`, clockwise from north.
     pub fn regular(amplitude_m: f64, wavelength_m: f64, direction_rad: f64) -> Sea {
         let frequency = (GRAVITY * TAU / wavelength_m).sqrt();
         Self::from_components(vec![SeaComponent::deep(
@@ -143,7 +142,7 @@ impl Sea {
         )])
     }
 
-    /// Drops waves of zero amplitude, and those beyond [`MAX_COMPONENTS`].
+    /// Drops waves of zero amplitude, and any beyond [`MAX_COMPONENTS`].
     pub fn from_components(mut components: Vec<SeaComponent>) -> Sea {
         components.retain(|c| c.amplitude_m > 0.0);
         components.truncate(MAX_COMPONENTS);
@@ -160,7 +159,7 @@ impl Sea {
         }
     }
 
-    /// This sea with its origin at `by` (north, east, m).
+    /// Returns this sea with its origin moved to `by` (north, east, m).
     #[must_use]
     pub fn about(&self, by: &Vector2<f64>) -> Sea {
         let mut sea = self.clone();
@@ -169,14 +168,14 @@ impl Sea {
         }
         sea
     }
-    /// Direction towards which the waves run, clockwise from north, rad.
+    /// Direction in which the waves travel, clockwise from north, rad.
     pub fn mean_direction(&self) -> f64 {
         self.mean_direction
     }
     pub fn components(&self) -> &[SeaComponent] {
         &self.components
     }
-    /// Sum of q k A; a sea below 1 does not fold.
+    /// Sum of q k A; the surface does not fold while it is below 1.
     pub fn steepness(&self) -> f64 {
         let sum = |s, c: &SeaComponent| s + c.wave_number * c.amplitude_m;
         self.steepness_factor * self.components.iter().fold(0.0, sum)
@@ -198,8 +197,8 @@ impl Sea {
         self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
         out[0]
     }
-    /// Water at many points (north, east, m): the surface above each point, and the motion at `depth_m` below
-    /// it.
+    /// Samples many points (north, east, m): the surface above each point, and the motion at `depth_m` below
+    /// the surface.
     pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
         let n = self.components.len();
         let t = t.secs();
@@ -218,7 +217,7 @@ impl Sea {
                 base: (c.phase - c.frequency * t) % TAU,
                 reach,
                 bend: [reach.x * wave.x, reach.x * wave.y, reach.y * wave.y],
-                // Most samples are at the surface, and need no exponential.
+                // Most samples are at the surface and need no exponential.
                 decay: if depth_m > 0.0 {
                     (-c.wave_number * depth_m).exp()
                 } else {
@@ -232,7 +231,6 @@ impl Sea {
         }
     }
 
-    /// Samples a linear sea at one position.
     fn sample_linear(&self, t: f64, x: Vector2<f64>, depth_m: f64) -> WaterSample {
         let mut w = WaterSample::default();
         for c in &self.components {
@@ -253,8 +251,8 @@ impl Sea {
         w
     }
 
-    /// Samples one position. `kernel`: values independent of the position; `trig`: scratch for sine and
-    /// cosine of each phase.
+    /// Samples one position. `kernel` has values independent of the position; `trig` is scratch memory for
+    /// the sine and cosine of each phase.
     fn sample_one(&self, kernel: &[Precomputed], trig: &mut [(f64, f64)], x: Vector2<f64>) -> WaterSample {
         // Solve x0 - D(x0) = x by Newton's method, with the displacement D(x0) = sum q A d sin.
         let mut displacement = Vector2::zeros();
@@ -264,7 +262,7 @@ impl Sea {
             displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
-        // First step from x0 = x: phases change by k.step, at most 1.6 rad by the maximum steepness.
+        // First step from x0 = x: phases change by k.step, which the maximum steepness limits to 1.6 rad.
         let step = fold.solve(displacement);
         displacement = Vector2::zeros();
         fold = Fold::default();
@@ -274,7 +272,7 @@ impl Sea {
             displacement += k.reach * sc.0;
             fold.add(k, sc.1);
         }
-        // The second step is small, so that second order is sufficient.
+        // The second step is small, so second order is sufficient.
         let step = fold.solve(displacement - step);
         for (sc, k) in trig.iter_mut().zip(kernel) {
             let e = k.k.dot(&step);
@@ -305,12 +303,12 @@ impl Sea {
     }
 }
 
-/// Values of a component that all positions of a call share.
+/// Values of a component that are common to all positions of a call.
 #[derive(Clone, Copy, Default)]
 struct Precomputed {
-    /// Wave vector, rad/m.
+    /// Wave vector k d, rad/m.
     k: Vector2<f64>,
-    /// Phase at the origin now, rad.
+    /// Current phase at the origin, rad.
     base: f64,
     /// Horizontal displacement amplitude q A d, m.
     reach: Vector2<f64>,
@@ -349,7 +347,7 @@ impl Fold {
         self.ne -= c.bend[1] * cos;
         self.ee -= c.bend[2] * cos;
     }
-    /// Solves `fold y = v`; positive definite while the sea does not fold.
+    /// Solves `fold y = v`; the matrix is positive definite while the sea does not fold.
     fn solve(&self, v: Vector2<f64>) -> Vector2<f64> {
         let det = self.nn * self.ee - self.ne * self.ne;
         Vector2::new(self.ee * v.x - self.ne * v.y, self.nn * v.y - self.ne * v.x) / det
@@ -361,7 +359,7 @@ fn mean_direction(config: &SeaConfig, streams: &Streams) -> f64 {
     config.mean_direction_deg.map_or(drawn, f64::to_radians)
 }
 
-/// `each`: number of waves per irregular system.
+/// `each` is the number of waves per irregular system.
 fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> Vec<SeaComponent> {
     if config.kind == SeaKind::Paper {
         let drawn = streams.stream("sea/wavelength-scale").random_range(1.1..1.5);
@@ -373,7 +371,7 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
             .map(|i: f64| {
                 SeaComponent::deep(
                     config.amplitude_m * s.powf(i),
-                    // A factor s^i in wavelength is s^(-i/2) in frequency.
+                    // A factor of s^i in wavelength is s^(-i/2) in frequency.
                     middle * s.powf(-0.5 * i),
                     mean + i * config.direction_step_rad,
                     spectrum::phase(&mut phases),
@@ -386,8 +384,8 @@ fn components(config: &SeaConfig, mean: f64, each: usize, streams: &Streams) -> 
     systems.iter().enumerate().flat_map(of_system).collect()
 }
 
-/// Components of the `k`th irregular system with equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. Streams
-/// of the first system have no number.
+/// Components of the `k`th irregular system with equal energy: `A = sqrt(2 m0 / n)`, `m0 = Hs²/16`. The
+/// stream names of the first system have no number.
 fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Streams) -> Vec<SeaComponent> {
     let amplitude = system.significant_height_m / 4.0 * (2.0 / n as f64).sqrt();
     let stream = |name: &str| match k {

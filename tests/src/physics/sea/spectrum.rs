@@ -4,9 +4,9 @@ use core::f64::consts::{PI, TAU};
 
 use rand::{Rng, RngExt};
 
-/// JONSWAP (Hasselmann 1973) without its energy scale, at the angular frequency `w`, rad/s: `w^-5 exp(-1.25
-/// (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma 0.07 below the peak and 0.09 above. The
-/// significant height scales it.
+/// JONSWAP spectrum (Hasselmann 1973) without its energy scale, which follows from the significant height, at
+/// the angular frequency `w`, rad/s: `w^-5 exp(-1.25 (wp/w)^4) gamma^exp(-(w - wp)²/(2 (sigma wp)²))`, sigma
+/// 0.07 below the peak and 0.09 above.
 pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     if w <= 0.0 {
         return 0.0;
@@ -16,8 +16,8 @@ pub fn jonswap_shape(w: f64, peak: f64, gamma: f64) -> f64 {
     w.powi(-5) * (-1.25 * (peak / w).powi(4)).exp() * gamma.powf(r)
 }
 
-/// Values of `x` at which the integral of `density` over `low..high` reaches each of `fractions` (ascending,
-/// 0 to 1), by the trapezoidal rule on a fixed grid.
+/// Quantiles of `density` between `low` and `high`: the values of `x` that bound the `fractions` (ascending, 0 to 1)
+/// of its integral, by the trapezoidal rule on a fixed grid.
 fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64]) -> Vec<f64> {
     const GRID: usize = 4000;
     let step = (high - low) / GRID as f64;
@@ -46,8 +46,8 @@ fn quantiles(density: impl Fn(f64) -> f64, low: f64, high: f64, fractions: &[f64
         .collect()
 }
 
-/// `n` angular frequencies, rad/s, each drawn within its `n`th of the energy: components of equal energy, and
-/// no common period.
+/// `n` angular frequencies, rad/s, one drawn from each `n`th of the energy, so that components have equal
+/// energy and no common period.
 pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f64> {
     let fractions: Vec<f64> = (0..n)
         .map(|i| (i as f64 + rng.random::<f64>()) / n as f64)
@@ -61,9 +61,9 @@ pub fn frequencies(peak: f64, gamma: f64, n: usize, rng: &mut impl Rng) -> Vec<f
     )
 }
 
-/// Direction relative to the mean, rad, from the density cos^2s(d/2) (Longuet-Higgins 1963).
+/// Draws a direction relative to the mean, rad, from the density cos^2s(d/2) (Longuet-Higgins 1963).
 pub fn direction(spread: f64, rng: &mut impl Rng) -> f64 {
-    // Bounded rejection sampling: at s = 100 it accepts 8 %, so 200 draws do not fail in practice.
+    // Bounded rejection sampling: at s = 100 it accepts 8 % of draws, so that 200 draws suffice in practice.
     for _ in 0..200 {
         let d = (rng.random::<f64>() - 0.5) * TAU;
         if rng.random::<f64>() < (0.5 * d).cos().powf(2.0 * spread) {
@@ -88,7 +88,7 @@ mod tests {
         for i in 1..400 {
             assert!(s(0.01 * f64::from(i)) <= s(1.2) * (1.0 + 1e-12));
         }
-        // Peak enhancement: gamma times the Pierson-Moskowitz value.
+        // The peak is gamma times that of Pierson-Moskowitz.
         assert!((s(1.2) / jonswap_shape(1.2, 1.2, 1.0) - 3.3).abs() < 1e-12);
     }
 
@@ -97,7 +97,7 @@ mod tests {
         let mut rng = Streams::new(3).stream("sea");
         let w = frequencies(1.2, 3.3, 24, &mut rng);
         assert!(w.windows(2).all(|p| p[0] < p[1]), "{w:?}");
-        // Mean frequency of JONSWAP 3.3 over this band: about 1.15 to 1.25 peaks.
+        // The mean frequency of JONSWAP 3.3 over this band is about 1.15 to 1.25 times the peak frequency.
         let mean = w.iter().sum::<f64>() / 24.0 / 1.2;
         assert!((1.05..1.35).contains(&mean), "{mean}");
     }

@@ -35,8 +35,8 @@ fn paper_sea_components() {
 
 #[test]
 fn paper_sea_slopes_and_speeds() {
-    // Section 7 of paper-facts, for 0.5 m, 5 s: crest to trough up to about 3 m, slope up to 13.8 deg,
-    // vertical speed up to 1.9 m/s. No seed exceeds these by much, and some come close.
+    // Derived from the paper's sea of 0.5 m, 5 s: up to about 3 m from crest to trough, a slope of up to 13.8
+    // deg, and a vertical speed of up to 1.9 m/s. No seed exceeds these by much, and some come close.
     let (mut slope, mut range, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64);
     for seed in 0..40 {
         let sea = paper(0.5, 5.0, seed);
@@ -56,7 +56,7 @@ fn paper_sea_slopes_and_speeds() {
 
 #[test]
 fn sea_surface_against_particles() {
-    // Particles displaced by their labels (Lagrangian, no solving), and the surface sampled at their
+    // Compares particles displaced by their labels (Lagrangian, no solving) with the surface sampled at their
     // positions.
     for (sea, tolerance) in [
         (paper(0.8, 5.0, 1), 2e-3),

@@ -1,16 +1,16 @@
-//! Inlined sine and cosine. The sea evaluates them some hundred thousand times per simulated second, and they
-//! yield the same bits on every IEEE 754 machine.
+//! Inlined sine and cosine. The sea evaluates them several hundred thousand times per simulated second, and
+//! they yield the same bits on every IEEE 754 machine.
 
 use core::f64::consts::FRAC_2_PI;
 
-/// pi/2 in two parts (Cody and Waite 1980): the first has few enough bits that its multiples are exact.
+/// pi/2 in two parts (Cody and Waite 1980): the first has so few bits that its multiples are exact.
 const HALF_PI_HIGH: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
 const HALF_PI_LOW: f64 = 6.077_100_506_506_192e-11;
-/// Adding it rounds to a whole number, which the low bits then hold.
+/// Adding this constant rounds to a whole number, which is then in the low bits.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
-/// (sin x, cos x) for |x| up to 1e5 rad, with an error below 1e-11, and 1e-15 within one turn. Polynomials of
-/// fdlibm (`__kernel_sin`, `__kernel_cos`; Sun Microsystems 1993).
+/// (sin x, cos x) for |x| up to 1e5 rad, with an error below 1e-11, and below 1e-15 within one turn.
+/// Polynomials of fdlibm (`__kernel_sin`, `__kernel_cos`; Sun Microsystems 1993).
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     let rounded = x * FRAC_2_PI + ROUND;
@@ -25,7 +25,7 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     (flip(s, (quarter >> 1) & 1), flip(c, ((quarter + 1) >> 1) & 1))
 }
 
-/// (sin r, cos r): for |r| <= pi/4 exact to the last bit, up to 1.6 with an error of 1e-7.
+/// (sin r, cos r), exact to the last bit for |r| <= pi/4, with an error of 1e-7 up to 1.6.
 #[inline(always)]
 pub fn near_zero(r: f64) -> (f64, f64) {
     let z = r * r;

@@ -1,4 +1,4 @@
-//! Autopilot of the simulated vessel: course and speed by two engines, or station keeping.
+//! Autopilot of the simulated vessel: course and speed with two engines, or station keeping.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -20,11 +20,11 @@ pub struct Helm {
     drag: [f64; 2],
     /// Inertia in surge and sway (kg) and yaw (kg m²), including added mass.
     inertia: [f64; 3],
-    /// Start of the present leg, north and east, m.
+    /// Start of the current leg, north and east, m.
     from: Vector2<f64>,
     /// Direction of the leg, rad.
     leg: f64,
-    /// Speed through the water without waves, m/s.
+    /// Speed through the water with the waves filtered out, m/s.
     smooth_speed: f64,
     /// Integral part of the speed controller, N.
     integral: f64,
@@ -32,22 +32,21 @@ pub struct Helm {
 
 /// Look-ahead of the line-of-sight guidance, m. Chosen: three times half the default vessel's length.
 const LOOK_AHEAD_M: f64 = 8.0;
-/// Minimum look-ahead, s; with less, a fast vessel overshoots its line.
+/// Minimum look-ahead, s; a fast vessel overshoots its line with less.
 const LOOK_AHEAD_S: f64 = 4.0;
 /// Speed up to which the heading gain is constant, m/s. Above it the gain grows with the Munk moment, which
-/// turns the hull across its course with the square of speed.
+/// turns the hull broadside to its course and is proportional to the square of speed.
 const SLOW_MPS: f64 = 2.0;
-/// Distance before a corner at which a turn begins, m.
+/// Distance before a corner at which the turn begins, m.
 const EARLY_M: f64 = 5.0;
 /// Natural frequency of the heading loop, rad/s; damping ratio 1.
 const YAW_FREQUENCY: f64 = 0.7;
-/// Natural frequency of the position hold, rad/s, well below the waves; damping ratio 1.
+/// Natural frequency of the position hold, rad/s, well below the wave frequencies; damping ratio 1.
 const HOLD_FREQUENCY: f64 = 0.35;
 /// Time constant of the speed loop and of the wave filter, s.
 const SPEED_TIME_S: f64 = 2.0;
 
 impl Helm {
-    /// `inertia`: in surge and sway (kg) and yaw (kg m²), including added mass.
     pub fn new(config: &VesselConfig, inertia: [f64; 3], heading: f64, streams: &Streams) -> Self {
         let path = MeanPath::new(config, heading, streams);
         Helm {
@@ -71,8 +70,8 @@ impl Helm {
         self.path.ask_change(t);
     }
 
-    /// Surge and sway (N) and yaw (Nm), `dt` after the last call, from position (m), heading (rad) and body
-    /// velocity (m/s, rad/s).
+    /// Force in surge and sway (N) and yaw moment (Nm), `dt` after the last call, from position (m), heading
+    /// (rad) and body velocity (m/s, rad/s).
     pub fn steer(&mut self, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
         self.t += dt;
         let here = self.path.at(self.t);
@@ -88,15 +87,15 @@ impl Helm {
                 }
                 self.engines(self.line_of_sight(at, speed), speed, heading, nu, dt)
             }
-            // By compass and log.
+            // Steered by compass and log.
             VesselCourse::Zigzag | VesselCourse::Turn | VesselCourse::SpeedChange => {
                 self.engines(here.heading, speed, heading, nu, dt)
             }
         }
     }
 
-    /// Effect of anchor rode, wind and thrusters: a soft spring towards the mean path, weak at wave
-    /// frequencies.
+    /// Effect of anchor rode, wind and thrusters: a soft spring towards the mean path that has little effect
+    /// at wave frequencies.
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
         let body = |v: Vector2<f64>| Vector2::new(c * v.x + s * v.y, c * v.y - s * v.x);
@@ -117,7 +116,7 @@ impl Helm {
         self.leg - (self.along(at).y / look_ahead).atan()
     }
 
-    /// Thrust of the engines for a heading (rad) and speed (m/s).
+    /// Thrust of the engines that achieves a heading (rad) and speed (m/s).
     fn engines(&mut self, wanted: f64, speed: f64, heading: f64, nu: &Vector6<f64>, dt: f64) -> Vector3<f64> {
         let [mass, _, yaw_inertia] = self.inertia;
         let error = wrap_angle(wanted - heading);
@@ -135,12 +134,12 @@ impl Helm {
         // Steering has priority: saturated engines reduce their common thrust.
         let turn = (0.5 * moment / self.engine_offset).clamp(0.5 * (low - high), 0.5 * (high - low));
         let common = (0.5 * force).clamp(low + turn.abs(), high - turn.abs());
-        // More thrust of the port engine turns the bow to starboard.
+        // More thrust from the port engine turns the bow to starboard.
         let [port, starboard] = [common + turn, common - turn];
         Vector3::new(port + starboard, 0.0, self.engine_offset * (port - starboard))
     }
 
-    /// Distance along the leg, and to starboard of it, m.
+    /// Distance along the leg, and to starboard of the leg, m.
     fn along(&self, at: Vector2<f64>) -> Vector2<f64> {
         let (s, c) = self.leg.sin_cos();
         let d = at - self.from;

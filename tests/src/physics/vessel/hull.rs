@@ -1,12 +1,10 @@
-//! Two half-cylinder hulls, divided into sections.
-
 use nalgebra::Vector3;
 
 use super::config::VesselConfig;
 use crate::physics::sea::WATER_DENSITY;
 
 /// Submerged part of a half-circle section of radius `r`, whose keel is `depth` below the water: area (m²),
-/// and depth of its centroid below the circle's centre (m). Greater depths than `r` count as `r`.
+/// and depth of its centroid below the circle's centre (m). Depths above `r` are clamped to `r`.
 pub fn segment(r: f64, depth: f64) -> (f64, f64) {
     let d = depth.clamp(0.0, r);
     if d <= 0.0 {
@@ -31,14 +29,14 @@ pub struct Hull {
     pub section_length: f64,
     /// Centres of the circles in the body frame, m.
     pub centres: Vec<Vector3<f64>>,
-    /// Displaced at rest, m³.
+    /// Displaced volume at rest, m³.
     pub rest_volume: f64,
     /// Stiffness in heave (N/m), roll and pitch (Nm/rad) at rest.
     pub stiffness: [f64; 3],
 }
 
 impl Hull {
-    /// Hulls that float at the draft that carries the mass.
+    /// Hulls that float at the draft at which they carry the mass.
     pub fn new(config: &VesselConfig, gravity: f64) -> Hull {
         let r = config.hull_radius_m;
         let n = config.sections_per_hull.max(1);
@@ -71,7 +69,7 @@ impl Hull {
         let width = 2.0 * (draft * (2.0 * r - draft)).max(0.0).sqrt();
         let per_section = WATER_DENSITY * gravity * width * step;
         let weight = config.mass_kg * gravity;
-        // rho g (I_A) + weight (z_G - z_B), z down: a high centre of gravity reduces the stiffness.
+        // rho g (I_A) + weight (z_G - z_B), z down: a higher centre of gravity reduces the stiffness.
         let buoyancy_z = draft - r + segment(r, draft).1;
         let lever = weight * (config.centre_of_gravity_m[2] - buoyancy_z);
         let moment = |lever_arm: fn(&Vector3<f64>) -> f64, own: f64| {

@@ -1,16 +1,16 @@
 //! True vessel: a nonlinear rigid body in moving water, with six degrees of freedom.
 //!
 //! `M_RB nu' + C_RB(nu) nu + M_A nu_r' + C_A(nu_r) nu_r + d(nu_r) = tau_pressure + tau_weight + tau_engines`
-//! (Fossen 2011, eq. 8.126), `nu_r = nu - nu_w`, with the water's mean motion `nu_w` over the hulls.
+//! (Fossen 2011, eq. 8.126), where `nu_r = nu - nu_w` and `nu_w` is the water's mean motion over the hulls.
 //!
-//! - Pressure (buoyancy and Froude-Krylov together): by Gauss' theorem the force on a section of submerged
-//!   volume V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section, acting at
-//!   the centroid of the submerged segment. It is normal to the surface, so waves push surge and sway too.
-//! - Added mass meets the water's acceleration, drag its velocity, so that for waves much longer than the
-//!   hull the vessel moves as a particle of the water does.
+//! - Pressure (buoyancy and Froude-Krylov force together): by Gauss' theorem the force on a section of submerged volume
+//!   V is `-V grad p = rho V (a - g)` with the water's acceleration `a` at the section, acting at the centroid of the
+//!   submerged segment. It is normal to the surface, so waves also push in surge and sway.
+//! - Added mass acts on the acceleration relative to the water, drag on the relative velocity, so that in
+//!   waves much longer than the hull the vessel moves like a particle of the water.
 //!
-//! The water is sampled at all sections once per step, at the end's time and position, and interpolated
-//! within the step (error below 1e-4 of the elevation at 10 ms).
+//! The water is sampled at all sections once per step, at the time and position of the step's end, and
+//! interpolated within the step (error below 1e-4 of the elevation at 10 ms).
 
 pub mod config;
 pub mod helm;
@@ -36,7 +36,7 @@ use crate::physics::body::RigidState;
 use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
 use crate::physics::streams::Streams;
 
-/// Bounds of speed (m/s) and rate (rad/s) that protect the integrator; no permitted sea reaches them.
+/// Bounds of speed (m/s) and rate (rad/s) that protect the integrator; no permitted sea causes such motion.
 const MAX_SPEED: f64 = 30.0;
 const MAX_RATE: f64 = 12.0;
 
@@ -47,7 +47,7 @@ struct Motion {
     nu: Vector6<f64>,
 }
 
-/// Water at the sections at one time, and the sampled positions.
+/// Water at the sections at one time, and the positions of the samples.
 #[derive(Clone, Debug)]
 struct WaterAt {
     time: Time<TrueTime>,
@@ -68,12 +68,12 @@ pub struct Vessel {
     coupling: f64,
     substep_limit_s: f64,
     helm: Helm,
-    /// Force of engines or position hold: surge and sway (N), yaw (Nm).
+    /// Force from engines or position hold: surge and sway (N), yaw (Nm).
     steering: Vector3<f64>,
     loads: Vec<VesselLoad>,
-    /// Load of [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
+    /// Load from [`Vessel::push`]: surge, sway, heave, roll, pitch, yaw, N and Nm.
     pushed: Vector6<f64>,
-    /// Present load of the configuration.
+    /// Current load from the configuration.
     pushing: Vector6<f64>,
     motion: Motion,
     nu_dot: Vector6<f64>,
@@ -82,8 +82,8 @@ pub struct Vessel {
 }
 
 impl Vessel {
-    /// The vessel floats at the origin at time zero; `vessel/heading` draws its heading unless configured. It
-    /// moves with the water, and at its set speed unless it drifts.
+    /// Vessel that floats at the origin at time zero; the stream `vessel/heading` draws its heading unless
+    /// configured. It moves with the water, and at its configured speed unless it drifts.
     pub fn new(config: &VesselConfig, sea: &Sea, streams: &Streams) -> Vessel {
         let drawn = streams.stream("vessel/heading").random::<f64>() * TAU;
         let heading = config.heading_deg.map_or(drawn, f64::to_radians);
@@ -94,7 +94,7 @@ impl Vessel {
         let base = join(Vector3::repeat(config.mass_kg), inertia);
         let added_mass = Matrix6::from_diagonal(&base.component_mul(&Vector6::from(config.added_mass)));
         let mass = rigid_mass + added_mass;
-        // Positive definite within the checked ranges; the fallback avoids a panic.
+        // The matrix is positive definite within the checked ranges; the fallback avoids a panic.
         let inverse_mass = mass.try_inverse().unwrap_or_else(Matrix6::identity);
 
         let mut linear_drag = Vector6::zeros();
@@ -164,7 +164,7 @@ impl Vessel {
         vessel
     }
 
-    /// Advances from `t` by `dt_s`, at most 0.1 s.
+    /// Advances from `t` by `dt_s`, which is at most 0.1 s.
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
         if !(dt_s > 0.0 && dt_s <= 0.1) {
             return;
@@ -180,7 +180,7 @@ impl Vessel {
             .sum::<Vector6<f64>>()
             + self.pushed;
         core::mem::swap(&mut self.before, &mut self.after);
-        // The error of these predicted section positions matters only by the slope times the square of dt.
+        // The error of these predicted section positions enters only as slope times dt².
         let here = self.motion;
         let (v, _) = world_rates(&here);
         self.motion.position += v * dt_s;
@@ -202,7 +202,7 @@ impl Vessel {
         self.nu_dot = self.acceleration(&self.motion, 1.0);
     }
 
-    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw of the body, N and Nm.
+    /// Applies a load from now on: surge, sway, heave, roll, pitch, yaw in body axes, N and Nm.
     pub fn push(&mut self, by_n_nm: [f64; 6]) {
         self.pushed = Vector6::from(by_n_nm);
     }
@@ -212,14 +212,13 @@ impl Vessel {
         RigidState {
             position: Point::<TrueNed>::from(m.position),
             velocity: Vector::from(m.attitude * v),
-            // Derivative of R v: R (v' + w x v).
+            // Derivative of R v is R (v' + w x v).
             acceleration: Vector::from(m.attitude * (head(&self.nu_dot) + w.cross(&v))),
             attitude: Rotation::from(m.attitude),
             rates: Vector::from(w),
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.helm.ask_change(t.secs());
     }
@@ -244,10 +243,10 @@ impl Vessel {
         self.after.time = t;
     }
 
-    /// Classical Runge-Kutta step of `h` seconds, from the fraction `f` of the water's interval.
+    /// Classical Runge-Kutta step of `h` seconds, starting at the fraction `f` of the water's interval.
     fn runge_kutta(&mut self, h: f64, f: f64, df: f64) {
         let start = self.motion;
-        // The first stage repeats the derivative at the last step's end, with the same water and thrust.
+        // The first stage repeats the derivative at the end of the last step, with the same water and thrust.
         let a1 = if f == 0.0 {
             self.nu_dot
         } else {
@@ -284,7 +283,7 @@ impl Vessel {
 
         let mut pressure = Vector6::zeros();
         let mut volume_sum = 0.0;
-        // For the water's mean velocity and acceleration over the hulls, body frame.
+        // Sums for the water's mean velocity and acceleration over the hulls, body frame.
         let (mut u_sum, mut a_sum) = (Vector3::zeros(), Vector3::zeros());
         let (mut u_turn, mut a_turn) = (Vector3::zeros(), Vector3::zeros());
         let mut arms = Vector3::<f64>::zeros();
@@ -295,7 +294,8 @@ impl Vessel {
             let slope = s0.slope + (s1.slope - s0.slope) * f;
             let place = self.before.places[i] + (self.after.places[i] - self.before.places[i]) * f;
             let surface = mix(s0.elevation_m, s1.elevation_m) + slope.dot(&(centre.xy() - place));
-            // Depth of the circle's centre along the surface's normal, then of the lowest point.
+            // Depth of the circle's centre along the surface's normal; adding the radius gives that of the
+            // lowest point.
             let normal_fraction = 1.0 / (1.0 + slope.norm_squared()).sqrt();
             let depth = (centre.z + surface) * normal_fraction;
             let (area, lever_arm) = segment(self.hull.radius, depth + self.hull.radius);
@@ -305,14 +305,14 @@ impl Vessel {
             let u = r.inverse() * (s0.velocity + (s1.velocity - s0.velocity) * f);
             let a = r.inverse() * (s0.acceleration + (s1.acceleration - s0.acceleration) * f);
             let force = (a - down * GRAVITY) * (WATER_DENSITY * volume);
-            // From the circle's centre the centroid lies opposite to the surface's normal.
+            // The centroid lies opposite to the surface's normal, seen from the circle's centre.
             let normal = r.inverse() * Vector3::new(slope.x, slope.y, 1.0) * normal_fraction;
             let centroid = c + normal * lever_arm;
             pressure += join(force, centroid.cross(&force));
 
             u_sum += u;
             a_sum += a;
-            // Least squares of w = p y - q x and of (u, v) = (-r y, r x).
+            // Least-squares fit of w = p y - q x and of (u, v) = (-r y, r x).
             u_turn += Vector3::new(c.y * u.z, -c.x * u.z, c.x * u.y - c.y * u.x);
             a_turn += Vector3::new(c.y * a.z, -c.x * a.z, c.x * a.y - c.y * a.x);
             arms += Vector3::new(c.y * c.y, c.x * c.x, c.x * c.x + c.y * c.y);
@@ -325,8 +325,8 @@ impl Vessel {
         let gravity = join(weight, self.centre_of_gravity.cross(&weight));
         let [surge, sway, yaw] = self.steering.into();
         let engines = Vector6::new(surge, sway, 0.0, 0.0, 0.0, yaw);
-        // Hulls that leave the water lose added mass and drag, in proportion to their volume below half of
-        // that at rest. With full added mass, the boat could not fall off a steep crest.
+        // Hulls that leave the water lose added mass and drag, in proportion to the submerged volume below
+        // half of that at rest. With full added mass, the boat could not fall off a steep crest.
         let wet = (2.0 * volume_sum / self.hull.rest_volume).min(1.0);
         let from_water = self.added_mass * nu_w_dot
             - coriolis(&self.added_mass, &nu_r)
@@ -355,10 +355,10 @@ fn world_rates(m: &Motion) -> (Vector3<f64>, Quaternion<f64>) {
     )
 }
 
-/// Parallel to the surface, with this heading, rad.
+/// Attitude parallel to the surface with this heading, rad.
 fn level(water: &WaterSample, heading: f64) -> UnitQuaternion<f64> {
     let (s, c) = heading.sin_cos();
-    // Elevation ahead pitches up; elevation to starboard rolls to port.
+    // A surface that rises ahead pitches the bow up; one that rises to starboard rolls to port.
     let ahead = water.slope.x * c + water.slope.y * s;
     let right = -water.slope.x * s + water.slope.y * c;
     let pitch = ahead.atan();

@@ -1,5 +1,5 @@
-//! Mean path of a vessel: position, speed and heading without waves, twice differentiable. Heading and speed
-//! change by a quintic step, or swing sinusoidally. The stream `vessel/course` draws random parameters.
+//! Mean path of a vessel: position, speed and heading without waves, twice differentiable. Heading and speed change by
+//! a quintic step, or oscillate sinusoidally. Random parameters are drawn from the stream `vessel/course`.
 
 use core::f64::consts::{FRAC_PI_2, TAU};
 
@@ -10,18 +10,18 @@ use super::config::{VesselConfig, VesselCourse};
 use crate::physics::spline::smooth_step;
 use crate::physics::streams::Streams;
 
-/// Duration of a turn by 90 deg, s; proportional to the angle. Chosen: 11 deg/s, at which a small boat does
-/// not heel.
+/// Duration of a turn by 90 deg, s; the duration is proportional to the angle. Chosen: 11 deg/s, at which a
+/// small boat does not heel.
 const TURN_S: f64 = 8.0;
 const TURN_PARTS: usize = 400;
-/// Duration of a speed change, s. Chosen: the time constant of a planing boat's surge.
+/// Duration of a speed change, s. Chosen: time constant of a planing boat's surge.
 const SPEED_CHANGE_S: f64 = 5.0;
-/// Maximum delay of a turn or speed change after the first descent, s; the helmsman does not know of the
-/// descent.
+/// Maximum delay of a turn or speed change after the first descent, s; the helmsman does not know about the descent.
 const CHANGE_WITHIN_S: f64 = 4.0;
 /// Longer than any trial, s.
 const FOR_GOOD_S: f64 = 1e9;
-/// Harmonics of a limit cycle: a free drift is a parabola, a thruster pulse a kink that its lag rounds.
+/// Harmonics of a limit cycle: a free drift is a parabola, and a thruster pulse a kink that the thruster's
+/// lag rounds off.
 const HARMONICS: [f64; 3] = [1.0, 2.0, 3.0];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,12 +53,11 @@ enum Shape {
     Anchored(Sheer),
 }
 
-/// Start of the course's turn or speed change.
 #[derive(Clone, Copy, Debug)]
 struct Begin {
-    /// Start, s; infinite until [`Begin::ask`].
+    /// Start, s; infinite until [`Begin::ask`] is called.
     at: f64,
-    /// Delay after that call, s.
+    /// Delay from that call, s.
     delay: f64,
 }
 
@@ -70,14 +69,12 @@ impl Begin {
     }
 }
 
-/// `v` rotated by `angle`, rad.
 fn turned(v: Vector2<f64>, angle: f64) -> Vector2<f64> {
     let (s, c) = angle.sin_cos();
     Vector2::new(c * v.x - s * v.y, s * v.x + c * v.y)
 }
 
 impl MeanPath {
-    /// Starts the path at the origin, with this heading, rad.
     pub fn new(config: &VesselConfig, heading: f64, streams: &Streams) -> MeanPath {
         let mut draw = streams.stream("vessel/course");
         let mut between = |low: f64, high: f64| low + (high - low) * draw.random::<f64>();
@@ -112,7 +109,7 @@ impl MeanPath {
             VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
             VesselCourse::Zigzag => {
                 let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
-                // The first leg is half a turn's angle off the mean course.
+                // The first leg is off the mean course by half the turn's angle.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
             }
@@ -128,8 +125,7 @@ impl MeanPath {
         path
     }
 
-    /// Starts the turn or speed change of the course a random time after `t`, s, unless its start is
-    /// configured.
+    /// Starts the turn or speed change of the course a random time after `t`, s, unless its start is configured.
     pub fn ask_change(&mut self, t: f64) {
         match &mut self.shape {
             Shape::Turns(turns) => turns.begins.ask(t),
@@ -160,7 +156,7 @@ impl MeanPath {
             Shape::SpeedChange { begins, by } => {
                 let s = ((t - begins.at) / SPEED_CHANGE_S).max(0.0);
                 let c = s.min(1.0);
-                // Integral of the quintic step, then the time at the new speed.
+                // Integral of the quintic step, plus the time at the new speed.
                 let more = SPEED_CHANGE_S * (c.powi(4) * (2.5 - 3.0 * c + c * c) + (s - c));
                 let ahead = turned(Vector2::new(1.0, 0.0), self.heading);
                 PathPoint {
@@ -217,15 +213,15 @@ impl Cycle {
 struct Sheer {
     /// Distance from the anchor to amidships, m.
     rode: f64,
-    /// Maximum swing of the bow to a side, rad; the rode swings half as far.
+    /// Maximum swing of the bow to one side, rad; the rode swings half as far.
     swing: f64,
     omega: f64,
     phase: f64,
 }
 
 impl Sheer {
-    /// The anchor is ahead at the heading `rest`. The bow is furthest to the side to which the hull moves
-    /// fastest.
+    /// The anchor is ahead at the heading `rest`. When the hull moves fastest, the bow is at its largest
+    /// angle to the side of the motion.
     fn at(&self, rest: f64, t: f64) -> PathPoint {
         let (sin, cos) = (self.omega * t + self.phase).sin_cos();
         let arc = |sin: f64| turned(Vector2::new(-self.rode, 0.0), rest + 0.5 * self.swing * sin);
@@ -248,7 +244,7 @@ struct Turns {
     /// Durations of a turn, and of the straight leg after it, s.
     turn: f64,
     leg: f64,
-    /// Points along the first turn, m: along and across its initial heading.
+    /// Points along the first turn, m: along and across the initial heading.
     way: Vec<Vector2<f64>>,
 }
 
@@ -263,9 +259,8 @@ impl Turns {
             way: way(speed, angle, turn),
         }
     }
-    /// A square to starboard.
     fn square(speed: f64, side: f64) -> Turns {
-        // A turn covers a distance proportional to its duration, and a side must fit two.
+        // A turn covers a distance proportional to its duration, and two turns must fit into a side.
         let shape = way(1.0, FRAC_PI_2, 1.0).last().map_or(0.0, |w| w.x);
         let turn = TURN_S.min(0.45 * side / (speed * shape));
         let reach = shape * speed * turn;
@@ -275,7 +270,7 @@ impl Turns {
         };
         Turns::new(speed, first, FRAC_PI_2, turn, (side - 2.0 * reach) / speed)
     }
-    /// Turns to alternate sides, `between` seconds apart.
+    /// Turns to alternating sides, `between` seconds apart.
     fn zigzag(speed: f64, angle: f64, between: f64) -> Turns {
         let turn = TURN_S * angle.abs() / FRAC_PI_2;
         let first = Begin {
@@ -292,7 +287,7 @@ impl Turns {
         Turns::new(speed, begins, angle, turn, FOR_GOOD_S)
     }
 
-    /// Number of the last begun turn (negative before the first), and the time since its start, s.
+    /// Number of the turn begun last (negative before the first), and the time since its start, s.
     fn phase(&self, t: f64) -> (f64, f64) {
         let since = t - self.begins.at;
         if since < 0.0 {
@@ -301,30 +296,30 @@ impl Turns {
         let turn = (since / (self.turn + self.leg)).floor();
         (turn, since - turn * (self.turn + self.leg))
     }
-    /// 1 to starboard; with alternating turns, -1 for every other.
+    /// 1 to starboard; if turns alternate, -1 for every second turn.
     fn side(&self, k: u64) -> f64 {
         if self.alternates && k % 2 == 1 { -1.0 } else { 1.0 }
     }
-    /// Heading before turn `k` relative to that before the first, rad.
+    /// Heading before turn `k` relative to the heading before the first turn, rad.
     fn turned_before(&self, k: u64) -> f64 {
         let turns = if self.alternates { k % 2 } else { k };
         turns as f64 * self.angle
     }
-    /// Displacement from the start of turn `k` to that of the next, in the axes of the first heading, m.
+    /// Displacement from the start of turn `k` to the start of the next, in the axes of the first heading, m.
     fn step(&self, k: u64, speed: f64) -> Vector2<f64> {
         let whole = self.way.last().copied().unwrap_or_default();
         let whole = Vector2::new(whole.x, self.side(k) * whole.y);
         let leg = turned(Vector2::new(speed * self.leg, 0.0), self.turned_before(k + 1));
         turned(whole, self.turned_before(k)) + leg
     }
-    /// Point at `t` (s); `first_heading`: before the first turn, rad.
+    /// Point at `t` (s); `first_heading` is the heading before the first turn, rad.
     fn at(&self, first_heading: f64, speed: f64, t: f64) -> PathPoint {
         let (turn, since) = self.phase(t);
         if turn < 0.0 {
             return straight(Vector2::zeros(), speed, first_heading, t);
         }
         let turn = turn as u64;
-        // Four corners close a square; two turns of a zigzag return to its mean course.
+        // Four corners close a square; after two turns a zigzag is back on its mean course.
         let cycle = if self.alternates { 2 } else { 4 };
         let steps = |n: u64| (0..n).map(|k| self.step(k, speed)).sum::<Vector2<f64>>();
         let rounds = if self.alternates {
@@ -348,7 +343,7 @@ impl Turns {
             heading: here,
         }
     }
-    /// `since` seconds after the first turn began: cubic between the points, with their velocities.
+    /// Position `since` seconds after the first turn began: cubic between the points, using their velocities.
     fn position(&self, since: f64, speed: f64) -> Vector2<f64> {
         let h = self.turn / TURN_PARTS as f64;
         let i = ((since / h).floor().max(0.0) as usize).min(TURN_PARTS - 1);

@@ -1,10 +1,10 @@
-//! Mass, added mass and Coriolis terms of a rigid body in water, about the body's origin
-//! (Fossen 2011, chapters 3 and 6).
+//! Mass, added mass and Coriolis terms of a rigid body in water, about the body's origin (Fossen 2011,
+//! chapters 3 and 6).
 
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// Rigid-body mass matrix about the origin, `cg` from it, inertia about the centre of gravity
-/// (Fossen 2011, eq. 3.44; kg, kg m, kg m²).
+/// Rigid-body mass matrix about the origin, with the centre of gravity at `cg` from the origin and the
+/// inertia about that centre (Fossen 2011, eq. 3.44; kg, kg m, kg m²).
 pub fn rigid_body_mass(mass: f64, cg: Vector3<f64>, inertia: Vector3<f64>) -> Matrix6<f64> {
     let s = cg.cross_matrix();
     let mut m = Matrix6::zeros();
@@ -70,7 +70,7 @@ mod tests {
         }
         assert!((energy(&nu) / e0 - 1.0).abs() < 1e-9);
         assert!((q * head(&(m * nu)) - p0).norm() / p0.norm() < 1e-3);
-        // The motion has changed.
+        // The motion must have changed.
         assert!((nu - Vector6::new(2.0, -0.5, 0.3, 0.4, -0.3, 0.6)).norm() > 0.1);
     }
 }

@@ -12,7 +12,6 @@ fn heading_north() -> VesselConfig {
         ..VesselConfig::default()
     }
 }
-/// Passes every state to `see`.
 fn run(vessel: &mut Vessel, sea: &Sea, seconds: f64, mut see: impl FnMut(f64, &RigidState<VesselBody>)) {
     for i in 0..(seconds / DT).round() as i64 {
         let t = Time::from_nanos(i * 10_000_000);
@@ -69,7 +68,7 @@ fn vessel_natural_periods() {
 
 #[test]
 fn vessel_in_long_waves() {
-    // 160 m long, 0.8 m high: 33 times the hull.
+    // Wave of 160 m length and 0.8 m amplitude; the length is 33 times the hull's.
     let sea = Sea::regular(0.8, 160.0, 0.5);
     let config = VesselConfig {
         heading_deg: Some(60.0),
@@ -223,7 +222,7 @@ fn vessel_mean_path_on_every_course() {
             let mut vessel = Vessel::new(&config, &sea, &streams);
             let (mut speed, mut heading, mut place, mut n) = (0.0, 0.0, 0.0_f64, 0.0);
             run(&mut vessel, &sea, 120.0, |t, s| {
-                // Waves average out.
+                // The waves average out.
                 let here = path.at(t);
                 let off = alight_shared::frames::wrap_angle(s.euler().z - here.heading);
                 heading += off * off;
@@ -258,7 +257,7 @@ proptest::proptest! {
         let l2 = mass * 4.9 * 4.9;
         let config = VesselConfig {
             mass_kg: mass,
-            // From the minimum inertia to a quarter of the maximum.
+            // Inertias from the minimum to a quarter of the maximum.
             inertia_kgm2: [l2 * (1.0 / 400.0 + radius); 3],
             damping_ratio: [damping; 3],
             sideways_coupling: coupling,

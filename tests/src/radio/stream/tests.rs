@@ -33,8 +33,8 @@ fn quantile(got: &[(usize, f64)], q: f64) -> f64 {
     v[((v.len() - 1) as f64 * q) as usize]
 }
 
-/// Median and 95th percentile of the age of the newest message: medians of seven seeds of 90 s. Messages of
-/// 290 B at 30 Hz, a delay of 100 ms with 30 ms of jitter.
+/// Median and 95th percentile of the newest message's age: medians over seven seeds of 90 s. Messages of 290
+/// B at 30 Hz, a delay of 100 ms with 30 ms of jitter.
 fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
     let config = SimulatedRadioConfig {
         delay_s: 0.1,
@@ -69,15 +69,15 @@ fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
 
 #[test]
 fn stream_ages_against_a_kernel() {
-    // Linux 6.18 over the link emulator, with these messages and delays, TCP_NODELAY: medians of 1, 3 and 11
-    // runs of 20 to 90 s.
+    // Measured with Linux 6.18 over the link emulator, with these messages and delays and TCP_NODELAY:
+    // medians of 1, 3 and 11 runs of 20 to 90 s.
     let measured = [
         (0.0, Congestion::Bbr, [0.123, 0.172]),
         (0.1, Congestion::Bbr, [0.297, 0.649]),
         (0.3, Congestion::Bbr, [0.726, 1.850]),
     ];
     for (loss, congestion, kernel) in measured {
-        // Single runs at 30 %: medians of 0.6 to 0.9 s, 95th percentiles of 1.4 to 6.1 s.
+        // Single runs at 30 % loss had medians of 0.6 to 0.9 s and 95th percentiles of 1.4 to 6.1 s.
         let bands = [0.8..1.25, 0.7..2.0];
         for ((model, kernel), band) in ages(loss, congestion).into_iter().zip(kernel).zip(bands) {
             assert!(
@@ -86,7 +86,7 @@ fn stream_ages_against_a_kernel() {
             );
         }
     }
-    // CUBIC at 30 %: runs of 40 to 60 s lagged by 10 to 27 s in the median.
+    // With CUBIC at 30 % loss, the median age in measured runs of 40 to 60 s was 10 to 27 s.
     let [median, late] = ages(0.3, Congestion::Cubic);
     assert!(median > 1.5 && late > 8.0, "{median} {late}");
 }
@@ -103,8 +103,8 @@ fn stream_with_loss() {
     let (got, dropped) = run(&config(0.1), 2, 3000, 1024);
     assert_eq!(got.len() as u64 + dropped, 3000);
     assert!(got.windows(2).all(|w| w[0].0 < w[1].0), "out of order");
-    // Reference, measured over an emulated link with 10 % loss each way, 50 ms, 50 Hz, 1024 B: 80 ms and 312
-    // ms. A tenth of the messages waits for its own retransmission.
+    // Reference measured over an emulated link (10 % loss each way, 50 ms, 50 Hz, 1024 B): 80 ms and 312 ms.
+    // A tenth of the messages wait for their own retransmission.
     let (median, late) = (quantile(&got, 0.5), quantile(&got, 0.99));
     assert!((0.05..0.16).contains(&median), "{median}");
     assert!((0.15..0.9).contains(&late), "{late}");

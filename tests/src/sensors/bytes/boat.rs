@@ -1,4 +1,4 @@
-//! Devices of a scene, as an installer configures them, and their bytes.
+//! Devices of a scene, as configured by an installer, and their bytes.
 
 use alight_shared::time::{Span, Time, VesselClock};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -10,20 +10,20 @@ use crate::sensors::SensorConfig;
 use crate::sensors::beacon::BEACON;
 use crate::sensors::clocks::ClockModel;
 
-/// Devices of each vessel: receiver, compass, IMU.
+/// Devices on each vessel: receiver, compass, IMU.
 pub const DEVICES: usize = 3;
 
 /// Address of the drone's own GNSS receiver in lock-step.
 pub const RECEIVER: &str = "serial:///dev/receiver";
 
-/// A latency rounded to the world's ticks, s.
+/// Latency rounded to the world's ticks, s.
 pub fn in_ticks_s(latency_s: f64) -> f64 {
     (latency_s / TICK.secs() - 1e-6).ceil() * TICK.secs()
 }
 
 impl SensorConfig {
-    /// Configuration of the devices: receiver (UBX), compass (NMEA 0183), IMU (MAVLink), and the port of a
-    /// moving base (RTCM 3) if there is one. `deck_m`: deck centre in the vessel's body frame, m.
+    /// Configuration of the devices: receiver (UBX), compass (NMEA 0183), IMU (MAVLink), and the port of the
+    /// moving base (RTCM 3), if any. `deck_m` is the deck's centre in the vessel's body frame, m.
     pub fn sources(&self, deck_m: [f64; 3]) -> Vec<SourceConfig> {
         let source = |name: &str, format, latency_s, mount| SourceConfig {
             name: name.into(),
@@ -60,8 +60,8 @@ impl SensorConfig {
 }
 
 impl SensorConfig {
-    /// The drone's link as an installer configures it for the scene's beacon and moving base; `receiver`:
-    /// address of the moving base's receiver.
+    /// The drone's link as an installer configures it for the scene's beacon and moving base; `receiver` is
+    /// the address of the receiver that uses the moving base.
     pub fn wired(&self, link: &AutopilotLinkConfig, receiver: &str) -> AutopilotLinkConfig {
         let mut link = link.clone();
         if self.beacon.is_some() {
@@ -75,7 +75,7 @@ impl SensorConfig {
     }
 }
 
-/// The devices on their wires, on GNSS time (the world's).
+/// Devices with their wires. Their clock is GNSS time, which is the world's time.
 #[derive(Clone, Debug)]
 pub struct Boat {
     devices: Vec<BoatSensor>,
@@ -84,7 +84,6 @@ pub struct Boat {
 }
 
 impl Boat {
-    /// `carries`: measurements of each source.
     pub fn new(
         sources: &[SourceConfig],
         carries: Vec<Carries>,
@@ -101,7 +100,6 @@ impl Boat {
             clock,
         }
     }
-    /// Bytes of each device and of the moving base.
     pub fn bytes(&mut self, readings: &Readings, rtcm: &[u8]) -> Vec<Vec<u8>> {
         let own = self.on_own_clock(readings);
         let mut all: Vec<Vec<u8>> = self.devices.iter_mut().map(|d| d.bytes(&own)).collect();

@@ -1,5 +1,5 @@
-//! MAVLink 2 frames of a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet
-//! serialization"; fields from common.xml, ordered by size).
+//! MAVLink 2 frames from a boat's autopilot: HEARTBEAT, HIGHRES_IMU, GPS_RAW_INT (mavlink.io: "Packet
+//! serialization"; fields of common.xml, ordered by size).
 
 use core::f64::consts::TAU;
 
@@ -8,7 +8,7 @@ use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
 
 use super::{StatedErrors, put};
 
-/// Message id, and the byte that its definition adds to the checksum (CRC_EXTRA).
+/// Message id, and the byte that the message's definition adds to the checksum (CRC_EXTRA).
 #[derive(Clone, Copy, Debug)]
 pub struct MavlinkId(pub u32, pub u8);
 
@@ -19,7 +19,7 @@ pub const GPS_RAW_INT: MavlinkId = MavlinkId(24, 24);
 const SYSTEM: u8 = 1;
 const AUTOPILOT: u8 = 1;
 
-/// A MAVLink 2 frame without signature.
+/// MAVLink 2 frame without signature.
 pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> Vec<u8> {
     let from = MavlinkSender {
         system: SYSTEM,
@@ -29,7 +29,7 @@ pub fn frame(sequence: u8, MavlinkId(id, extra): MavlinkId, payload: &[u8]) -> V
     encode(from, Outgoing::new(id, extra, payload.to_vec()), None)
 }
 
-/// Custom mode, type, autopilot, base mode, status, version.
+/// Payload: custom mode, type, autopilot, base mode, status, version.
 pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]) -> [u8; 9] {
     let mut p = [0; 9];
     put(&mut p, 0, &custom_mode.to_le_bytes());
@@ -37,7 +37,7 @@ pub fn heartbeat(custom_mode: u32, [kind, autopilot, base_mode, status]: [u8; 4]
     p
 }
 
-/// An active surface boat under ArduPilot.
+/// Heartbeat of an active surface boat with ArduPilot.
 pub fn boat_heartbeat() -> [u8; 9] {
     heartbeat(0, [11, 3, 0, 4])
 }
@@ -49,13 +49,13 @@ pub fn highres_imu(at_ns: i64, force: [f64; 3], rates: [f64; 3]) -> [u8; 62] {
     for (k, value) in force.into_iter().chain(rates).enumerate() {
         put(&mut p, 8 + 4 * k, &(value as f32).to_le_bytes());
     }
-    // Accelerometers and gyroscopes are updated.
+    // Flags: accelerometers and gyroscopes are updated.
     put(&mut p, 60, &0x3f_u16.to_le_bytes());
     p
 }
 
-/// A 3-D fix with the height of the sea above the ellipsoid, or without a fix if it has the `heading` of two
-/// antennas (rad).
+/// A 3-D fix with the height of the sea above the ellipsoid; if `heading` (rad, from two antennas) is given,
+/// a message without a fix.
 pub fn gps_raw_int(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),
@@ -72,7 +72,7 @@ pub fn gps_raw_int(
     put(&mut p, 8, &signed(place.latitude_deg * 1e7));
     put(&mut p, 12, &signed(place.longitude_deg * 1e7));
     put(&mut p, 16, &signed((place.height_m - geoid_m) * 1e3));
-    // Unknown dilutions of precision.
+    // Dilutions of precision: unknown.
     put(&mut p, 20, &[0xff; 4]);
     put(&mut p, 24, &centi(100.0 * north.hypot(east)));
     put(&mut p, 26, &centi(degrees(east.atan2(north))));
@@ -82,7 +82,7 @@ pub fn gps_raw_int(
     put(&mut p, 34, &unsigned(stated.position_m));
     put(&mut p, 38, &unsigned(stated.position_m));
     put(&mut p, 42, &unsigned(stated.velocity_mps));
-    // 0 means no heading, so north is 36000.
+    // 0 means that there is no heading, so north is encoded as 36000.
     let yaw = heading.map_or([0; 2], |h| match centi(degrees(h)) {
         [0, 0] => 36_000_u16.to_le_bytes(),
         other => other,

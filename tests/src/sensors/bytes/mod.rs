@@ -1,9 +1,9 @@
-//! Encoders of a vessel's sensors: measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000, Signal
-//! K, UBX or MAVLink, for the installed program.
+//! Encoders for a vessel's sensors: measurements of [`super::VesselSensors`] as NMEA 0183, NMEA 2000, Signal
+//! K, UBX or MAVLink bytes, which the installed program reads.
 //!
-//! They follow the makers' layouts and checksums, independently of the decoders of `alight_usv`: an error in
-//! shared code would remain hidden. A published test frame shows that the MAVLink frames equal those of its
-//! crate.
+//! They implement the manufacturers' layouts and checksums independently of the decoders in `alight_usv`,
+//! because an error in shared code would remain hidden. A published test frame shows that the MAVLink frames
+//! equal those of the MAVLink crate.
 
 pub mod boat;
 pub mod mavlink;
@@ -23,10 +23,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::gnss::VesselGnssConfig;
 
-/// Heartbeat period of a MAVLink source, ns.
 const HEARTBEAT_NS: i64 = 1_000_000_000;
 
-/// Kinds of measurements of a source.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Carries {
     pub imu: bool,
@@ -35,7 +33,8 @@ pub struct Carries {
 }
 
 impl Carries {
-    /// Assigns each kind to the source whose format suits it best. None if no format has inertial samples.
+    /// Assigns each kind of measurement to the source whose format suits it best. None if no format carries
+    /// inertial samples.
     pub fn assign(sources: &[SourceConfig]) -> Option<Vec<Carries>> {
         let first = |wanted: &[Format]| {
             wanted
@@ -66,8 +65,8 @@ impl Carries {
     }
 }
 
-/// Accuracies that a receiver states, m and m/s: of its white errors, as for quantities. A `stated_factor` of
-/// 3.5 covers the slow error, too.
+/// Accuracies that a receiver reports, m and m/s: those of its white errors, as for quantities. A
+/// `stated_factor` of 3.5 also covers the slow error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StatedErrors {
     pub position_m: f64,
@@ -84,7 +83,7 @@ impl StatedErrors {
     }
 }
 
-/// One source's end of its wire.
+/// The sensor's end of a source's wire.
 #[derive(Clone, Debug)]
 pub struct BoatSensor {
     format: Format,
@@ -94,7 +93,6 @@ pub struct BoatSensor {
     heading_offset_rad: f64,
     sequence: u8,
     heartbeat_ns: Option<i64>,
-    /// Geoid of the receiver.
     geoid: LocalGeoid,
 }
 
@@ -112,7 +110,7 @@ impl BoatSensor {
             geoid: LocalGeoid::default(),
         }
     }
-    /// Bytes of its measurements, which carry its clock's stamps.
+    /// Bytes of the source's measurements, stamped by its clock.
     pub fn bytes(&mut self, readings: &Readings) -> Vec<u8> {
         let mut bytes = Vec::new();
         if self.carries.imu {
@@ -154,7 +152,7 @@ impl BoatSensor {
                     utc_ns: at_ns,
                     place: m.datum,
                     geoid_m,
-                    // A dilution of 1 means 0.5 m at quality 1.
+                    // A dilution of 1 corresponds to 0.5 m at quality 1.
                     hdop: m.position_sd[0] / 0.5,
                     satellites: 12,
                 };
@@ -189,7 +187,7 @@ impl BoatSensor {
             Format::Ubx => ubx::nav_relposned(at_ns, shown, m.heading_sd),
             Format::Rtcm => Vec::new(),
             Format::Mavlink => {
-                // A heading of two antennas comes in a message without a fix.
+                // The heading from two antennas is sent in a message without a fix.
                 let (nowhere, still) = (Default::default(), [0.0; 3]);
                 let payload = mavlink::gps_raw_int(at_ns, (nowhere, 0.0), still, &self.stated, Some(shown));
                 self.frame(mavlink::GPS_RAW_INT, &payload)

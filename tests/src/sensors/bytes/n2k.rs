@@ -1,4 +1,4 @@
-//! NMEA 2000 as text of a gateway (Yacht Devices RAW): one CAN frame a line. Layouts: canboat's database.
+//! NMEA 2000 as text from a gateway (Yacht Devices RAW): one CAN frame per line. Layouts: canboat's database.
 
 use alight_shared::geodesy::Datum;
 
@@ -16,7 +16,7 @@ fn line(at_ns: i64, pgn: u32, data: &[u8]) -> Vec<u8> {
     )
     .into_bytes()
 }
-/// An angle in units of 0.1 mrad, from 0 to a full turn.
+/// Encodes an angle in units of 0.1 mrad, from 0 to a full turn.
 fn angle(rad: f64) -> [u8; 2] {
     ((rad.rem_euclid(core::f64::consts::TAU) * 1e4).round() as u16).to_le_bytes()
 }
@@ -71,7 +71,7 @@ pub fn rates(at_ns: i64, rates: [f64; 3], sequence: u8) -> Vec<u8> {
     message.extend([0, 0]);
     frames(at_ns, 130_842, &message, sequence)
 }
-/// 129029: fix of quality 1 with its dilution, in seven frames.
+/// 129029: fix of quality 1 with its dilution of precision, in seven frames.
 pub fn gnss(at_ns: i64, place: Datum, hdop: f64, sequence: u8) -> Vec<u8> {
     let wide = |x: f64, steps: f64| ((x * steps).round() as i64).to_le_bytes();
     let day_ns = at_ns.rem_euclid(86_400_000_000_000);

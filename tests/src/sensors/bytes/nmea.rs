@@ -1,4 +1,4 @@
-//! NMEA 0183 sentences of a receiver and a compass: GGA, VTG, ZDA, HDT (u-blox, "Receiver description
+//! NMEA 0183 sentences from a receiver and a compass: GGA, VTG, ZDA, HDT (u-blox, "Receiver description
 //! including protocol specification", UBX-13003221, chapter NMEA messages).
 
 use core::f64::consts::TAU;
@@ -8,7 +8,7 @@ use alight_shared::geodesy::Datum;
 /// Knots per m/s, and km/h per m/s.
 const KNOTS: f64 = 3600.0 / 1852.0;
 const KMH: f64 = 3.6;
-/// Decimals of minutes and metres: usual, and high-precision.
+/// Decimals of minutes and metres, of usual and of high-precision receivers.
 pub const USUAL: [usize; 2] = [5, 1];
 pub const FINE: [usize; 2] = [7, 3];
 
@@ -33,9 +33,9 @@ fn time_of_day(utc_ns: i64) -> String {
     )
 }
 
-/// Degrees in `width` digits, minutes with `digits` decimals, and the letter of the hemisphere.
+/// Degrees with `width` digits, minutes with `digits` decimals, and the letter of the hemisphere.
 fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]) -> String {
-    // Units of the last digit never round minutes to 60.
+    // Counting in units of the last digit never rounds minutes to 60.
     let unit = 10_f64.powi(digits as i32);
     let all = (degrees.abs() * 60.0 * unit).round();
     let whole = (all / (60.0 * unit)).floor();
@@ -48,7 +48,7 @@ fn degrees_minutes(degrees: f64, width: usize, digits: usize, letters: [char; 2]
 pub struct Gga {
     /// Time since midnight, ns.
     pub utc_ns: i64,
-    /// Position with its height above the ellipsoid.
+    /// Position; its height is above the ellipsoid.
     pub place: Datum,
     /// Height of the sea above the ellipsoid, m.
     pub geoid_m: f64,
@@ -57,7 +57,7 @@ pub struct Gga {
 }
 
 impl Gga {
-    /// A fix without corrections (quality 1), with these decimals of minutes and metres.
+    /// A fix without corrections (quality 1), with the given decimals of minutes and metres.
     pub fn sentence(&self, [minutes, metres]: [usize; 2]) -> Vec<u8> {
         let Gga {
             place,

@@ -1,5 +1,5 @@
-//! Recordings of real boats, converted back to NMEA 2000 and Signal K: decoded measurements and their
-//! estimates equal those of the recordings' columns.
+//! Recordings of real boats, converted back to NMEA 2000 and Signal K: the decoded measurements and the
+//! estimates must equal those from the recordings' columns.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ const TICK: Span = Span::from_millis(10);
 /// Maximum time between a velocity and its position, ns.
 const PAIR_NS: i64 = 300_000_000;
 
-/// Encoder of a network: time, ns; measurement; sequence number.
+/// Encoder for a network; arguments: time (ns), measurement, sequence number.
 type Writer = fn(i64, &Measurement, u8) -> Vec<u8>;
 
 fn is_place(g: &GnssFix) -> bool {
@@ -65,12 +65,12 @@ fn signalk_bytes(at_ns: i64, m: &Measurement, _number: u8) -> Vec<u8> {
     }
 }
 
-/// The newest value, if it is fresh enough for a measurement.
+/// Newest value, if it is fresh enough to belong to a measurement.
 fn paired<T>(newest: Option<(i64, T)>, at_ns: i64) -> Option<T> {
     newest.filter(|(then, _)| at_ns - then <= PAIR_NS).map(|(_, x)| x)
 }
 
-/// Measurements as a network sends them: velocity, heave and rates have their own times, and precede the
+/// Measurements as a network sends them: velocity, heave and rates have separate times, and precede the
 /// position or attitude to which they belong.
 fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)> {
     let (mut velocity, mut heave, mut rates) = (None, None, None);
@@ -107,7 +107,6 @@ fn as_sent(columns: &[Measurement], with_rates: bool) -> Vec<(i64, Measurement)>
     all
 }
 
-/// Measurements from the vessel's decoder.
 fn received(
     mut decoder: impl SensorDecoder,
     columns: &[Measurement],
@@ -127,7 +126,7 @@ fn received(
     out.into_iter().map(|m| (m.at_ns, m.measurement)).collect()
 }
 
-/// Equality within half a unit of the fields: 0.1 mrad, 1 cm, 1 cm/s, 1e-7 deg.
+/// Equality to within half the resolution of the fields: 0.1 mrad, 1 cm, 1 cm/s, 1e-7 deg.
 fn same(a: &Measurement, b: &Measurement) -> bool {
     let near = |a: f64, b: f64, step: f64| (a - b).abs() <= 0.51 * step;
     match (a, b) {
@@ -150,14 +149,14 @@ fn same(a: &Measurement, b: &Measurement) -> bool {
             near(a.datum.latitude_deg, b.datum.latitude_deg, 1e-7)
                 && near(a.datum.longitude_deg, b.datum.longitude_deg, 1e-7)
                 && has_velocity(a) == has_velocity(b)
-                // Within the unit of speed along the velocity, and of course across it.
+                // Within the resolution of the speed along the velocity, and of the course across it.
                 && (0..2).all(|k| near(a.velocity[k], b.velocity[k], 0.01 + 1e-4 * speed))
         }
         _ => false,
     }
 }
 
-/// Measurements arrive without delay.
+/// Estimates from measurements that arrive without delay.
 fn estimates(all: &[(i64, Measurement)]) -> Vec<VesselEstimate<VesselClock>> {
     let headed = |(k, (at_ns, m)): (u32, &(i64, Measurement))| {
         m.headed(0, Header::new(1, 0, 1, k, Time::from_nanos(*at_ns)))
@@ -194,7 +193,7 @@ fn apart(a: &[VesselEstimate<VesselClock>], b: &[VesselEstimate<VesselClock>]) -
 #[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_as_frames_and_deltas() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/underway");
-    // One recording has no position, and therefore no estimates.
+    // One recording has no position and therefore yields no estimates.
     for (name, has_place) in [("figure-of-eight.csv", true), ("tight-circles.csv", false)] {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         let columns = alight_usv::log::read(&bytes, name, &Mount::default())
@@ -237,7 +236,7 @@ fn recorded_boats_as_frames_and_deltas() {
     }
 }
 
-/// Only the heading determines the rate of turn.
+/// The rate of turn is determined by the heading alone.
 #[test]
 fn rate_of_turn_on_both_networks() {
     let mounting = Mounting::new(&Mount::default());

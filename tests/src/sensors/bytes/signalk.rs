@@ -1,8 +1,8 @@
-//! Deltas of a Signal K server, one a line. Paths and units: Signal K's specification.
+//! Deltas from a Signal K server, one per line. Paths and units: Signal K's specification.
 
 use alight_shared::geodesy::Datum;
 
-/// A delta for the server's own vessel.
+/// Delta for the server's own vessel.
 fn delta(at_ns: i64, values: &[(&str, String)]) -> Vec<u8> {
     let values: Vec<String> = values
         .iter()
@@ -15,7 +15,7 @@ fn delta(at_ns: i64, values: &[(&str, String)]) -> Vec<u8> {
     )
     .into_bytes()
 }
-/// ISO 8601, in ms, of a time since 1970.
+/// ISO 8601 text, in ms, for a time since 1970.
 fn stamp(at_ns: i64) -> String {
     let ms = at_ns.div_euclid(1_000_000);
     let (mut day, ms) = (ms.div_euclid(86_400_000), ms.rem_euclid(86_400_000));

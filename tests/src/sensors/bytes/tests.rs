@@ -21,7 +21,7 @@ fn clock(h: i64, m: i64, s: i64) -> i64 {
 
 #[test]
 fn nmea_sentences_of_the_maker_byte_by_byte() {
-    // Example of u-blox's protocol specification.
+    // Example from u-blox's protocol specification.
     let gga = nmea::Gga {
         utc_ns: clock(9, 27, 25),
         place: Datum::new(47.0 + 17.113_99 / 60.0, 8.0 + 33.915_90 / 60.0, 499.6 + 48.0),
@@ -42,7 +42,7 @@ fn nmea_sentences_of_the_maker_byte_by_byte() {
         text(nmea::vtg([0.0022 * north, 0.0022 * east])),
         "$GPVTG,77.52,T,,M,0.004,N,0.008,K,A*06\r\n"
     );
-    // Sentences recorded from a compass and a NEO-6.
+    // Sentences recorded from a compass and from a NEO-6 receiver.
     assert_eq!(text(nmea::hdt(274.07_f64.to_radians())), "$GPHDT,274.07,T*03\r\n");
     assert_eq!(
         text(nmea::sentence("GPTXT,01,01,02,u-blox ag - www.u-blox.com")),
@@ -52,7 +52,7 @@ fn nmea_sentences_of_the_maker_byte_by_byte() {
 
 #[test]
 fn ubx_frames_of_the_maker_byte_by_byte() {
-    // As shown by u-center: poll of the version, 5 solutions a second, poll of the port.
+    // As shown by u-center: version poll, 5 solutions per second, port poll.
     let hex = |bytes: Vec<u8>| bytes.iter().map(|b| format!("{b:02X}")).collect::<String>();
     assert_eq!(hex(ubx::message(0x0a, 0x04, &[])), "B5620A0400000E34");
     assert_eq!(
@@ -64,7 +64,7 @@ fn ubx_frames_of_the_maker_byte_by_byte() {
 
 #[test]
 fn mavlink_frame_of_a_known_heartbeat() {
-    // Known test frame of MAVLink implementations.
+    // Test frame used by MAVLink implementations.
     let payload = mavlink::heartbeat(5, [2, 3, 0x59, 3]);
     assert_eq!(
         mavlink::frame(0xef, mavlink::HEARTBEAT, &payload),
@@ -115,7 +115,7 @@ proptest! {
         let at_ns = ticks * 10_000_000;
         let mount = Mount { mounting_deg: mounting, heading_offset_deg: offset, ..Mount::default() };
         let datum = Datum::new(place.0, place.1, place.2);
-        // A decoder needs two epochs to find which messages belong together.
+        // A decoder needs two epochs to determine which messages belong together.
         let readings = |at_ns: i64| Readings {
             imu: vec![ImuSample { header: header(at_ns), gyro, accelerometer: force, ..ImuSample::default() }],
             gnss: vec![GnssFix {
@@ -141,7 +141,7 @@ proptest! {
                         // 1e-7 deg is 1.1 cm.
                         prop_assert!((g.datum.latitude_deg - datum.latitude_deg).abs() < 1e-7, "{:?} {:?}", format, g);
                         prop_assert!((g.datum.longitude_deg - datum.longitude_deg).abs() < 1e-7, "{:?}", g);
-                        // Height references are not stated here; tests of the heights cover both.
+                        // The height reference is not given here; the tests of heights cover both references.
                         let apart_m = (g.datum.height_m - datum.height_m).abs();
                         prop_assert!(apart_m < 2e-3 || matches!(format, Format::N2k | Format::SignalK), "{:?}", g);
                         for (k, v) in [velocity.0, velocity.1].into_iter().enumerate() {

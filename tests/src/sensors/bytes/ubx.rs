@@ -1,4 +1,4 @@
-//! UBX messages of a receiver: NAV-PVT, NAV-RELPOSNED (u-blox F9 HPG 1.32, "Interface description",
+//! UBX messages from a receiver: NAV-PVT, NAV-RELPOSNED (u-blox F9 HPG 1.32, "Interface description",
 //! UBX-22008968, sections 3.15.11 and 3.15.13).
 
 use core::f64::consts::TAU;
@@ -13,7 +13,7 @@ const PVT: u8 = 0x07;
 const RELPOSNED: u8 = 0x3c;
 const WEEK_MS: i64 = 7 * 86_400_000;
 
-/// Sync, class, id, length, payload, and two checksums over all between (RFC 1145 with 8 bits).
+/// Sync bytes, class, id, length, payload, and two checksum bytes over class to payload (RFC 1145 with 8 bits).
 pub fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
     let length = (payload.len() as u16).to_le_bytes();
     let mut bytes = vec![0xb5, 0x62, class, id, length[0], length[1]];
@@ -40,8 +40,7 @@ fn unsigned(value: f64, unit: f64) -> [u8; 4] {
     ((value / unit).round() as u32).to_le_bytes()
 }
 
-/// NAV-PVT of a 3-D fix: position with its height above ellipsoid and sea; velocity to north, east, down,
-/// m/s.
+/// NAV-PVT of a 3-D fix: position with its heights above ellipsoid and sea; velocity to north, east, down, m/s.
 pub fn nav_pvt(
     at_ns: i64,
     (place, geoid_m): (Datum, f64),
@@ -66,13 +65,13 @@ pub fn nav_pvt(
     put(&mut p, 60, &signed(speed, 1e-3));
     put(&mut p, 64, &signed(course.rem_euclid(360.0), 1e-5));
     put(&mut p, 68, &unsigned(stated.velocity_mps, 1e-3));
-    // Unknown course accuracy, as at rest.
+    // Course accuracy: unknown, as at rest.
     put(&mut p, 72, &unsigned(180.0, 1e-5));
     put(&mut p, 76, &120_u16.to_le_bytes());
     message(NAV, PVT, &p)
 }
 
-/// NAV-RELPOSNED of a drone's receiver with a moving base: vector between the antennas, NED, m, and its
+/// NAV-RELPOSNED of a drone's receiver that uses a moving base: vector between the antennas, NED, m, and its
 /// standard deviations, m.
 pub fn nav_relposned_of_place(
     at_ns: i64,
@@ -89,7 +88,7 @@ pub fn nav_relposned_of_place(
     put(&mut p, 0, &[1]);
     put(&mut p, 4, &of_week(at_ns));
     for (k, (metres, sd)) in place_m.into_iter().zip(sd_m).enumerate() {
-        // Centimetres, and the remainder in 0.1 mm.
+        // Centimetres, and the remainder in units of 0.1 mm.
         let cm = (100.0 * metres).trunc();
         put(&mut p, 8 + 4 * k, &(cm as i32).to_le_bytes());
         put(
@@ -104,7 +103,8 @@ pub fn nav_relposned_of_place(
     message(NAV, RELPOSNED, &p)
 }
 
-/// NAV-RELPOSNED of a rover 1 m from its moving base: heading of their line and its standard deviation, rad.
+/// NAV-RELPOSNED of a rover 1 m from its moving base: heading of the line between them, and its standard
+/// deviation, rad.
 pub fn nav_relposned(at_ns: i64, heading: f64, sd: f64) -> Vec<u8> {
     let heading = heading.rem_euclid(TAU);
     let (east, north) = heading.sin_cos();

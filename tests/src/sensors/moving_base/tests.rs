@@ -1,4 +1,4 @@
-//! The two receivers against their stated parameters.
+//! Tests of the two receivers against their configured parameters.
 
 use super::*;
 use crate::sensors::clocks::ClockModel;
@@ -12,7 +12,7 @@ fn tick(k: i64) -> Time<TrueTime> {
     Time::from_nanos(k * 10_000_000)
 }
 
-/// A vessel that heads east, and a drone 3 m north of and 10 m above the deck's centre.
+/// Vessel that heads east, and drone 3 m north of and 10 m above the deck's centre.
 struct Pair {
     base: BaseReceiver,
     rover: MovingBaseRover,
@@ -41,7 +41,7 @@ impl Pair {
             ticks: 0,
         }
     }
-    /// Solutions of the next seconds with arrival times, s; only messages with `passes` arrive.
+    /// Solutions of the next `seconds` with arrival times, s; only messages accepted by `passes` arrive.
     fn run(&mut self, seconds: f64, passes: impl Fn(u16) -> bool) -> Vec<(f64, RelativeReport)> {
         let drone = RigidState {
             position: Point::new(3.0, 0.0, -10.0),
@@ -76,7 +76,7 @@ fn errors(places: &[(f64, RelativeReport)], solution: CarrierSolution) -> Vec<Ve
     of.map(|(_, p)| Vector3::from(p.place.unwrap()[0]) - Vector3::from(TRUTH))
         .collect()
 }
-/// A receiver with a lasting fix from the start.
+/// Receiver with a lasting fix from the start.
 fn steady() -> MovingBaseConfig {
     MovingBaseConfig {
         time_to_fix_s: 0.1,
@@ -198,7 +198,7 @@ fn false_fix_that_lasts_as_long_as_it() {
     let jumps = fixed.windows(2).filter(|w| (w[1] - w[0]).norm() > 0.15).count();
     let others = fixed.iter().filter(|e| (*e - fixed[0]).norm() > 0.3).count();
     assert!((1..50).contains(&jumps) && others > 50, "{jumps} {others}");
-    // As a fault, a false fix begins and ends within a fix.
+    // A false fix caused by a fault begins and ends during a fix.
     let mut pair = Pair::new(&steady(), 5);
     let mut off_m = |false_fix_m: f64| {
         pair.rover.faults.false_fix_m = false_fix_m;

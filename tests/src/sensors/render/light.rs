@@ -1,4 +1,4 @@
-//! From light to grey levels: scatter in the lens by night, and the sensor.
+//! Conversion of light to grey levels: scatter in the lens at night, and the sensor.
 
 use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
@@ -11,20 +11,20 @@ use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
 
 /// Side of the pixel squares between which scatter is computed, px.
 const SQUARE_PX: usize = 16;
-/// Ratio to the brightest square below which scatter is negligible.
+/// Fraction of the brightest square below which scatter is negligible.
 const FAINT: f32 = 0.01;
 
 pub(super) struct Sensor {
     /// Grey levels per unit of light.
     scale: f32,
-    /// Noise variance in the dark, and per grey level.
+    /// Noise variance in the dark, and its increase per grey level.
     dark: f32,
     shot: f32,
 }
 
 impl Sensor {
-    /// By day light is a fraction of white, of configured grey level; by night exposure and gain determine
-    /// the level.
+    /// By day light is a fraction of white, whose grey level is configured; at night exposure and gain
+    /// determine the level.
     pub(super) fn of(config: &RenderConfig, night: Option<&NightConfig>, shot: &Shot) -> Sensor {
         let Some(night) = night else {
             return Sensor {
@@ -51,7 +51,7 @@ pub(super) struct Glare {
 }
 
 impl Glare {
-    /// Added light along a direction at unit distance: Gaussian in the angle from the mirror image.
+    /// Additional light along a direction at unit distance: Gaussian in the angle from the mirror image.
     pub(super) fn at(&self, [u, v]: [f32; 2]) -> f32 {
         let length = (u * u + v * v + 1.0).sqrt();
         let cos = (self.from[0] * u + self.from[1] * v + self.from[2]) / length;
@@ -64,7 +64,7 @@ fn direction(ray: &Ray) -> Vector3<f32> {
 }
 
 impl Renderer {
-    /// None when the deck is dry.
+    /// None if the deck is dry.
     pub(super) fn glare_on(&self, view: &CameraMotion, deck_in_camera: &DeckInCamera) -> Option<Glare> {
         if !(self.config.glare > 0.0) || self.night.is_some() {
             return None;
@@ -78,8 +78,8 @@ impl Renderer {
             width: self.config.glare_sd_deg.to_radians().powi(2) as f32,
         })
     }
-    /// Converts light to grey levels in parts of `band` pixels; noise takes draws from `start` on with a
-    /// stride.
+    /// Converts light to grey levels in chunks of `band` pixels; the noise uses the draws from `start` on
+    /// with a stride.
     pub(super) fn expose(
         &self,
         sensor: &Sensor,
@@ -100,7 +100,7 @@ impl Renderer {
             }
         });
     }
-    /// Adds scatter of the scene and the lamp in the lens, and the lamp.
+    /// Adds the lamp, and the light from scene and lamp that the lens scatters.
     pub(super) fn scatter(&self, night: &NightConfig, shot: &Shot, light: &mut [f32]) {
         let width = self.config.lens.width_px as usize;
         let own = self.own_scatter(light, width);
@@ -131,7 +131,7 @@ impl Renderer {
             }
         });
     }
-    /// Light scattered into each square from the others: `Σ veil(θ) ω E/π`, of light `E` and solid angle `ω`.
+    /// Light scattered into each square from the others: `Σ veil(θ) ω E/π`, for light `E` and solid angle `ω`.
     fn own_scatter(&self, light: &[f32], width: usize) -> Vec<f32> {
         let (columns, rows) = (width.div_ceil(SQUARE_PX), light.len().div_ceil(width * SQUARE_PX));
         let height = light.len() / width.max(1);
@@ -154,7 +154,7 @@ impl Renderer {
             .collect();
         let into = |(at, _): &(Vector3<f32>, f32)| {
             let from = |(toward, sum): &&(Vector3<f32>, f32)| {
-                // A pixel's solid angle falls with the cube of the cosine off axis.
+                // The solid angle of a pixel decreases with the cube of the cosine of the angle off axis.
                 sum * toward.z.powi(3) * veil(f64::from((toward - at).norm())) as f32
             };
             pixel * sources.iter().map(from).sum::<f32>()

@@ -1,6 +1,6 @@
-//! Belly camera's images of deck and sea: perspective, lens distortion, optical and motion blur, glare,
-//! sensor noise. A pixel is the mean of rays, distributed as its area and the optics spread light, each at
-//! its own instant of the exposure. The node that processes the images shares only the lens parameters.
+//! Images of deck and sea from the belly camera: perspective, lens distortion, optical and motion blur, glare, sensor
+//! noise. A pixel is the mean of rays that are distributed over its area and the optical blur, each at its own instant
+//! of the exposure. The only data shared with the node that processes the images are the lens parameters.
 
 mod light;
 mod paint;
@@ -33,11 +33,11 @@ config! {
     pub struct RenderConfig {
         /// Use images instead of the tags' measurement model.
         pub on: bool = false;
-        /// Use images instead of the UV markers' measurement model, too.
+        /// Also use images instead of the UV markers' measurement model.
         pub markers: bool = false;
         /// Number of sun glints in an ultraviolet image.
         pub glints: u32 = 10, in 0.0..=1e4;
-        /// True lens; the node has a calibrated one.
+        /// True lens; the node uses a calibrated lens.
         pub lens: Lens;
         /// Grey level of a sunlit white surface; above 255 it is clipped.
         /// Chosen: a typical machine-vision sensor and a lens of moderate quality in daylight.
@@ -50,9 +50,9 @@ config! {
         pub shot: f64 = 0.05, in 0.0..=10.0;
         /// Brightness of the sun's mirror image on a wet deck, as a fraction of white; 0: dry deck.
         pub glare: f64 = 0.0, in 0.0..=100.0;
-        /// Width of the mirror image (standard deviation), deg.
+        /// Width of the sun's mirror image (standard deviation), deg.
         pub glare_sd_deg: f64 = 8.0, in 0.5..=90.0;
-        /// Elevation of the sun above the horizon, deg; its bearing is drawn per seed.
+        /// Elevation of the sun above the horizon, deg; its azimuth is drawn per seed.
         pub sun_height_deg: f64 = 50.0, in 0.0..=90.0;
     }
 }
@@ -63,13 +63,13 @@ pub struct Shot {
     pub t: Time<TrueTime>,
     pub at: Time<DroneClock>,
     pub exposure_s: f64,
-    /// Gain relative to the sensor's minimum; no effect by day.
+    /// Gain relative to the sensor's minimum gain; has no effect by day.
     pub gain: f64,
     pub view: CameraMotion,
     pub deck: RigidState<Deck>,
 }
 
-/// Shots of one world are equal at equal times.
+/// Within one world, shots at equal times are equal.
 impl PartialEq for Shot {
     fn eq(&self, o: &Shot) -> bool {
         self.t == o.t
@@ -94,7 +94,7 @@ impl Shutter {
             clock,
         }
     }
-    /// Image that starts at `t`, if any, with this setting.
+    /// Image that starts at `t` with this setting, if one is due.
     pub(super) fn step(
         &mut self,
         t: Time<TrueTime>,
@@ -117,7 +117,7 @@ impl Shutter {
     }
 }
 
-/// Draws of sensor noise, reused in another order for each image.
+/// Number of sensor noise draws, which are reused in a different order for each image.
 const DRAWS: usize = 1 << 14;
 
 #[derive(Clone, Debug)]
@@ -128,7 +128,7 @@ pub struct Renderer {
     paint: DeckPaint,
     sea: SeaPaint,
     sun: Vector<TrueNed>,
-    /// The drone, and the pixels that its legs hide.
+    /// The drone, and a mask of the pixels that its legs hide.
     drone: Option<(Occlusion, Vec<bool>)>,
     /// Light is a fraction of white by day, lux on white by night.
     night: Option<NightConfig>,
@@ -136,7 +136,7 @@ pub struct Renderer {
     noise: Noise,
 }
 
-/// Sky light in a shadow on a clear day, as a fraction.
+/// Light from the sky in a shadow on a clear day, as a fraction of full light.
 const SHADE: f32 = 0.2;
 /// Light from a carbon leg, as a fraction of white.
 const LEG: f32 = 0.04;
@@ -150,9 +150,9 @@ fn sun_of(config: &RenderConfig, light: &mut Noise) -> Vector<TrueNed> {
     Vector::new(cos * north, cos * east, -sin)
 }
 
-/// Maximum side of a block drawn at once, px.
+/// Maximum side of a block that is drawn at once, px.
 const BLOCK_PX: usize = 16;
-/// Maximum bend of a straight line within a block, px.
+/// Maximum deviation of a straight line from straight within a block, px.
 const BEND_PX: f32 = 0.5;
 
 #[derive(Clone, Copy)]
@@ -190,7 +190,7 @@ struct Band<'a> {
 }
 
 impl Band<'_> {
-    /// Applies `each`, with the index in the image, to pixels of a block within the band.
+    /// Applies `each`, with the index in the image, to the pixels of a block that are in the band.
     fn pixels(&mut self, block: &Block, mut each: impl FnMut(usize, &mut f32)) {
         for row in block.top..=block.bottom {
             let from = (row - self.top) * self.width;
@@ -204,13 +204,13 @@ impl Band<'_> {
 
 struct Scene<'a> {
     sea: SeaScene<'a>,
-    /// The deck, and the bounds of its pixels: left, top, right, bottom.
+    /// The deck, and the bounds of its pixels in the image: left, top, right, bottom.
     deck: Option<(DeckScene<'a>, [usize; 4])>,
 }
 
 struct DeckScene<'a> {
     deck: DeckInCamera,
-    /// Each with the deck at its time.
+    /// Rays, each with the deck at the ray's time.
     rays: Vec<(ToDeck, &'a RaySample)>,
     /// Maximum distance of a ray from the pixel's centre, px.
     reach_px: f32,
@@ -230,7 +230,7 @@ impl DeckScene<'_> {
         );
         Some([&first.0, &last.0])
     }
-    /// Light along a ray: paint lit by the sun, or in shadow by the sky alone, and the sun's mirror image
+    /// Light along a ray: paint lit by the sun, or by the sky alone in shadow, plus the sun's mirror image
     /// over a fraction of the pixel.
     fn lit(&self, ray: &Ray, paint: f32, fraction: f32) -> f32 {
         let in_shadow = |shadow: &Shadow| self.deck.meet(ray.at).is_some_and(|at| shadow.covers(at));
@@ -294,7 +294,7 @@ impl Renderer {
         self
     }
 
-    /// None for a size that the configuration's check rejects.
+    /// None for a size that the configuration check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.config.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);
@@ -302,10 +302,10 @@ impl Renderer {
         self.render(shot, &mut pixels);
         GreyImage::new(width, height, pixels).ok()
     }
-    /// Renders the image by rows from the top.
+    /// Renders the image in rows from the top.
     pub fn render(&mut self, shot: &Shot, pixels: &mut [u8]) {
         let [width, height] = [self.config.lens.width_px, self.config.lens.height_px].map(|s| s as usize);
-        // Each image uses the draws in another order; an odd stride visits all of them.
+        // Each image uses the draws in a different order; an odd stride visits all of them.
         let start = (self.noise.uniform() * DRAWS as f64) as usize;
         let stride = 2 * (self.noise.uniform() * (DRAWS / 2) as f64) as usize + 1;
         let scene = self.scene(shot);
@@ -387,7 +387,7 @@ impl Renderer {
         let cell_px = self.paint.min_cell_px(focal / distance);
         let speed = deck.drift.norm() / distance + deck.turn.norm();
         let blur_px = speed * exposure_s * focal;
-        // Enough rays for small cells, and one per half pixel of motion blur.
+        // Enough rays for small cells, and at least one per half pixel of motion blur.
         let side = if cell_px > 16.0 {
             2
         } else if cell_px > 5.0 {
@@ -410,7 +410,7 @@ impl Renderer {
             rays: rays?,
             reach_px: pattern.reach_px() + BEND_PX,
             blur_px,
-            // By night light comes from all directions.
+            // At night light comes from all directions.
             shadow: (self.drone.as_ref().filter(|_| self.night.is_none()))
                 .map(|(drone, _)| drone.shadow(view)),
             glare: self.glare_on(view, &deck),
@@ -418,7 +418,7 @@ impl Renderer {
         })
     }
 
-    /// Draws a block at once if its rays meet the same light, otherwise in four parts.
+    /// Draws a block at once if all its rays meet the same light, otherwise in four parts.
     fn draw_block(&self, band: &mut Band, scene: &DeckScene, block: &Block) {
         let paint = self
             .patch(scene, block, band.width)
@@ -458,7 +458,7 @@ impl Renderer {
             *out = *out * (1.0 - hits * fraction) + scene.lit(ray, sum * fraction, hits * fraction);
         }
     }
-    /// Patch of the deck's plane under a block; None if a ray misses the plane.
+    /// Area of the deck's plane under a block; None if a ray misses the plane.
     fn patch(&self, scene: &DeckScene, block: &Block, width: usize) -> Option<Patch> {
         let mut patch = Patch {
             x: [f32::INFINITY, f32::NEG_INFINITY],

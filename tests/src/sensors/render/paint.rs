@@ -1,4 +1,4 @@
-//! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of that from a white surface.
+//! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of the light from a white surface.
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::DeckGeometry;
@@ -11,7 +11,7 @@ use super::super::night::{NightConfig, TAG};
 use super::rays::Ray;
 use crate::sensors::noise::Noise;
 
-/// Minimum side of a decodable cell, px.
+/// Minimum side of a cell that the detector can decode, px.
 const DECODED_CELL_PX: f64 = 1.5;
 const PLANK_M: f32 = 0.14;
 
@@ -24,7 +24,7 @@ struct Painted {
     /// Side of a cell, m.
     cell: f32,
     white: [[bool; CELLS]; CELLS],
-    /// Light from white and from black.
+    /// Light from white and from black cells.
     light: [f32; 2],
 }
 
@@ -32,14 +32,14 @@ impl Painted {
     fn light(&self, white: bool) -> f32 {
         self.light[usize::from(!white)]
     }
-    /// None off the deck.
+    /// None outside the tag.
     fn at(&self, x: f32, y: f32) -> Option<f32> {
         let [row, column] = [self.row(x), self.column(y)];
         let across = 0.0..CELLS as f32;
         let on = across.contains(&column) && across.contains(&row);
         on.then(|| self.light(self.white[row as usize][column as usize]))
     }
-    /// Cells from the upper left corner of the margin; the tag's upper edge is forward.
+    /// Row or column of cells, counted from the upper left corner of the margin; the tag's upper edge is forward.
     fn row(&self, x: f32) -> f32 {
         0.5 * CELLS as f32 - (x - self.centre[0]) / self.cell
     }
@@ -68,7 +68,7 @@ impl Painted {
     }
 }
 
-/// Rectangle on the deck, forward and to starboard, m.
+/// Rectangle on the deck, with forward and starboard axes, m.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Patch {
     pub(super) x: [f32; 2],
@@ -86,7 +86,7 @@ pub(super) enum Paint {
 pub(super) struct DeckPaint {
     half: [f32; 2],
     tags: Vec<Painted>,
-    /// Bit mask of the tags in each index cell.
+    /// Bit mask of the tags that overlap each index cell.
     index: Vec<u32>,
     /// Light from a white surface.
     scene: f32,
@@ -123,14 +123,14 @@ impl DeckPaint {
             scene: 1.0,
         }
     }
-    /// Night paint, whose light is in lux on white.
+    /// Paint at night, with light in lux on white.
     pub(super) fn at_night(mut self, night: &NightConfig) -> DeckPaint {
         self.scene = night.scene_lux() as f32;
         let light = night.tag_lux().map(|lux| lux as f32);
         self.tags.iter_mut().for_each(|tag| tag.light = light);
         self
     }
-    /// Smallest side of a cell that can be decoded at `px` per metre; the largest cell's if none can.
+    /// Side of the smallest cell that can be decoded at `px` per metre; if none can be decoded, that of the largest.
     pub(super) fn min_cell_px(&self, px: f64) -> f64 {
         let cells = || self.tags.iter().map(|tag| f64::from(tag.cell) * px);
         let most = cells().fold(0.0, f64::max);
@@ -138,7 +138,7 @@ impl DeckPaint {
             .filter(|cell| *cell >= DECODED_CELL_PX)
             .fold(most, f64::min)
     }
-    /// Light from a point forward and to starboard, m; None off the deck.
+    /// Light from a point at a position forward and to starboard, m; None outside the deck.
     #[inline]
     pub(super) fn at(&self, x: f32, y: f32) -> Option<f32> {
         if !(x.abs() <= self.half[0] && y.abs() <= self.half[1]) {
@@ -170,7 +170,7 @@ impl DeckPaint {
             .iter()
             .all(|([from, to], half)| -half <= *from && to <= half)
     }
-    /// Content of a patch; edges where an exact answer would be expensive.
+    /// Content of a patch; reported as edges where an exact answer would be expensive.
     pub(super) fn within(&self, patch: &Patch) -> Paint {
         let sides = [(patch.x, self.half[0]), (patch.y, self.half[1])];
         if sides.iter().any(|([from, to], half)| *to < -half || from > half) {
@@ -193,7 +193,7 @@ impl DeckPaint {
             Paint::Edges
         }
     }
-    /// Points along the edge, in the deck's axes, m.
+    /// Points along the deck's edge, in its axes, m.
     pub(super) fn outline(&self) -> impl Iterator<Item = Vector3<f64>> {
         let [x, y] = self.half.map(f64::from);
         (0..16).flat_map(move |k| {
@@ -208,10 +208,10 @@ impl DeckPaint {
     }
 }
 
-/// Side of the square noise tile of the sea's texture, points.
+/// Side of the square noise tile for the sea's texture, in points.
 const TILE: usize = 128;
 
-/// The sea: moving patches of light and dark, glitter towards the sun, and haze far away.
+/// The sea: moving light and dark patches, glitter towards the sun, and haze far away.
 #[derive(Clone, Debug)]
 pub(super) struct SeaPaint {
     tile: Vec<f32>,
@@ -234,7 +234,7 @@ impl SeaPaint {
         let k = (row.rem_euclid(TILE as i64) as usize) * TILE + column.rem_euclid(TILE as i64) as usize;
         self.tile.get(k).copied().unwrap_or(0.0)
     }
-    /// The sea at a time, as the camera sees it.
+    /// The sea at one time, as seen by the camera.
     pub(super) fn scene(&self, view: &CameraMotion, sun: Vector<TrueNed>, t_s: f32) -> SeaScene<'_> {
         let world = view.camera_from_world.inverse().0.to_rotation_matrix();
         let centre = view.centre.0.map(|v| v as f32);
@@ -249,7 +249,7 @@ impl SeaPaint {
     }
 }
 
-/// Largest integer not above `x`; without SSE 4.1 `f32::floor` is a function call.
+/// Largest integer not above `x`; without SSE 4.1 `f32::floor` would be a function call.
 fn floor(x: f32) -> i64 {
     let whole = x as i64;
     whole - i64::from(whole as f32 > x)
@@ -259,7 +259,7 @@ pub(super) struct SeaScene<'a> {
     sea: &'a SeaPaint,
     /// Rotation world from camera.
     world: Matrix3<f32>,
-    /// Camera, m, and its height above the sea, m.
+    /// Position of the camera, m, and its height above the sea, m.
     centre: Vector3<f32>,
     height: f32,
     /// Direction to the sun's mirror image.
@@ -268,7 +268,7 @@ pub(super) struct SeaScene<'a> {
 }
 
 impl SeaScene<'_> {
-    /// Sea below the horizon, sky above it.
+    /// Light of the sea below the horizon, and of the sky above it.
     pub(super) fn light(&self, ray: &Ray) -> f32 {
         let (m, [u, v]) = (&self.world, ray.at);
         let d = [0, 1, 2].map(|i| m[(i, 0)] * u + m[(i, 1)] * v + m[(i, 2)]);
@@ -278,14 +278,14 @@ impl SeaScene<'_> {
         }
         let reach = self.height / down;
         let (north, east) = (self.centre.x + d[0] * reach, self.centre.y + d[1] * reach);
-        // Swell of some metres, and ripples of decimetres, which fade in the haze.
+        // Swell of several metres and ripples of decimetres, which fade in the haze.
         let (sea, t_s) = (self.sea, self.t_s);
         let swell = sea.noise(0.45 * north + 0.9 * t_s, 0.45 * east);
         let ripple = sea.noise(5.0 * north + 4.0 * t_s, 5.0 * east - 3.0 * t_s);
         let near = 1.0 / (1.0 + 0.05 * reach);
         let cos = (d[0] * self.mirrored[0] + d[1] * self.mirrored[1] + down * self.mirrored[2])
             / (d[0] * d[0] + d[1] * d[1] + down * down).sqrt();
-        // Towards the sun's image, more facets mirror the sun.
+        // More facets mirror the sun in the direction of its image.
         let glitter = if ripple > 1.6 - 1.3 * cos.max(0.0).powi(8) {
             1.2
         } else {

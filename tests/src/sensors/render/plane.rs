@@ -5,7 +5,7 @@ use super::super::camera::CameraMotion;
 use crate::physics::body::RigidState;
 
 pub(super) struct DeckInCamera {
-    /// Centre, m, and axes.
+    /// Centre, m, and axes of the deck in camera coordinates.
     pub(super) at: Vector3<f64>,
     pub(super) axes: Rotation3<f64>,
     /// Velocity of the centre, m/s, and rate of turn, rad/s, in camera coordinates.
@@ -24,7 +24,7 @@ impl DeckInCamera {
             axes: axes.0.to_rotation_matrix(),
         }
     }
-    /// m; None if the ray misses the plane.
+    /// Position at which a ray meets the plane, m; None if it misses.
     pub(super) fn meet(&self, [u, v]: [f32; 2]) -> Option<Vector3<f64>> {
         let (ray, normal) = (
             Vector3::new(f64::from(u), f64::from(v), 1.0),
@@ -33,7 +33,7 @@ impl DeckInCamera {
         let depth = normal.dot(&self.at) / normal.dot(&ray);
         (depth > 0.0).then(|| ray * depth)
     }
-    /// `s` seconds from the middle of the exposure.
+    /// Centre and axes `s` seconds after the middle of the exposure.
     pub(super) fn after(&self, s: f64) -> (Vector3<f64>, Rotation3<f64>) {
         (
             self.at + self.drift * s,
@@ -42,7 +42,7 @@ impl DeckInCamera {
     }
 }
 
-/// Homography from directions at unit distance to the deck's plane, by rows: a ray `d` meets it at `x = (X .
+/// Homography, by rows, from directions at unit distance to the deck's plane: a ray `d` meets it at `x = (X .
 /// d) / (Z . d)`, `y = (Y . d) / (Z . d)` if `Z . d > 0`.
 #[derive(Clone, Copy)]
 pub(super) struct ToDeck {

@@ -1,10 +1,8 @@
-//! Directions of pixels, and rays within a pixel.
-
 use alight_uav::camera::Lens;
 
 use crate::sensors::noise::Noise;
 
-/// Direction of a pixel's centre at unit distance, and its change per pixel to the right and down.
+/// Direction of a pixel's centre at unit distance, and its change per pixel to the right and per pixel down.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Ray {
     pub(super) at: [f32; 2],
@@ -22,15 +20,14 @@ impl Ray {
     }
 }
 
-/// Rays by rows from the top.
+/// Rays of all pixels, in rows from the top.
 #[derive(Clone, Debug)]
 pub(super) struct Rays {
     pub(super) all: Vec<Ray>,
-    /// Maximum distance from the axis, at unit distance.
+    /// Maximum distance of a ray from the optical axis, at unit distance.
     furthest: f64,
 }
 
-/// Distorts a point at unit distance.
 fn distort(lens: &Lens, x: f64, y: f64) -> [f64; 2] {
     let [k1, k2, p1, p2, k3] = lens.distortion;
     let r2 = x * x + y * y;
@@ -83,8 +80,8 @@ impl Rays {
             .collect();
         Rays { all, furthest }
     }
-    /// Pixel of a direction at unit distance. A direction outside the image is first moved close to it, where
-    /// the distortion model is valid.
+    /// Pixel of a direction at unit distance. A direction outside the image is first moved close to its edge,
+    /// where the distortion model is valid.
     pub(super) fn pixel(&self, lens: &Lens, x: f64, y: f64) -> [f64; 2] {
         let max_radius = 1.05 * self.furthest;
         let scale = (max_radius / x.hypot(y).max(1e-12)).min(1.0);
@@ -96,7 +93,7 @@ impl Rays {
     }
 }
 
-/// A ray: offset in the pixel, px, and time from the exposure's middle, as a fraction of it.
+/// A ray: offset within the pixel, px, and time from the middle of the exposure, as a fraction of the exposure.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RaySample {
     pub(super) right: f32,
@@ -104,7 +101,7 @@ pub(super) struct RaySample {
     pub(super) time: f64,
 }
 
-/// `side` x `side` rays, Gaussian with the variance of the pixel's area and the optics.
+/// `side` x `side` rays, Gaussian with the combined variance of pixel area and optics.
 #[derive(Clone, Debug)]
 pub(super) struct Pattern {
     pub(super) side: usize,
@@ -118,16 +115,15 @@ impl Pattern {
         self.rays.iter().map(furthest).fold(0.0, f32::max)
     }
     pub(super) fn new(side: usize, optics_sd_px: f64, draw: &mut Noise) -> Pattern {
-        // Variance of a pixel's area is 1/12 px².
+        // The variance of a pixel's area is 1/12 px².
         let sd = (1.0 / 12.0 + optics_sd_px * optics_sd_px).sqrt();
         let place = |k: usize| normal_quantile((k as f64 + 0.5) / side as f64);
         let spread = ((0..side).map(|k| place(k).powi(2)).sum::<f64>() / side as f64).sqrt();
         let count = side * side;
         let at = |k: usize| [k % side, k / side].map(|i| place(i) * sd / spread.max(1e-9));
-        // Times of rays are uncorrelated with either direction; otherwise a moving edge would be sharper on
-        // one side. The mirror image of a ray about the pixel's centre is as far before the middle of the
-        // exposure as the ray is after it; otherwise the edges of a 9 px smear would all shift by 0.3 px (odd
-        // moments of position and time).
+        // The times of rays are uncorrelated with both directions; otherwise a moving edge would be sharper on one
+        // side. A ray and its mirror image about the pixel's centre are equally far from the middle of the exposure, on
+        // opposite sides; otherwise odd moments of position and time would shift all edges of a 9 px smear by 0.3 px.
         let mut best: (f64, Vec<usize>) = (f64::INFINITY, (0..count).collect());
         for _ in 0..400 {
             let mut order: Vec<usize> = (0..count).collect();

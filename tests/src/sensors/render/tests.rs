@@ -1,4 +1,4 @@
-//! Detections of the camera node in rendered images.
+//! Detection by the camera node in rendered images.
 
 use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
 use alight_shared::msg::TagPose;
@@ -35,7 +35,7 @@ fn distorted() -> Lens {
     }
 }
 
-/// Camera `up` m above and `aside` m north of the origin, on a drone with these angles.
+/// Camera `up` m above and `aside` m north of the origin, on a drone with these Euler angles.
 fn view(up: f64, aside: f64, euler: [f64; 3], rates: [f64; 3]) -> CameraMotion {
     let mount = CameraMount {
         position: Vector3::zeros(),
@@ -153,7 +153,7 @@ fn rendered_deck_with_a_turned_mount() {
 #[test]
 fn rendered_motion_blur() {
     let mut setup = setup(|c| c.dark_sd = 0.0);
-    // 4 ms at 2 rad/s: 2.6 px.
+    // 4 ms at 2 rad/s cause 2.6 px of motion.
     let view_of = |rates| view(3.0, 0.0, [0.0; 3], rates);
     let (view, deck) = (view_of([0.0, 2.0, 0.0]), deck([0.0; 3]));
     let image = setup
@@ -163,7 +163,7 @@ fn rendered_motion_blur() {
     let pose = setup.node.detect(&image).expect("detected");
     let (moved, _) = errors(&pose, &view, &deck);
     assert!(moved < 0.01, "{moved}");
-    // Smears of 9 px in any direction; edges that all shift would be an error of the renderer.
+    // Motion blur of 9 px in various directions; a common shift of all edges would indicate an error in the renderer.
     let mut sum = Vector3::zeros();
     for k in 0..12 {
         let (sin, cos) = (core::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
@@ -175,7 +175,7 @@ fn rendered_motion_blur() {
         let pose = setup.node.detect(&image).expect("detected");
         sum += (Vector3::from(pose.position) - turning.to_camera_frame(deck.position)) / 12.0;
     }
-    // A fifth of a pixel.
+    // 0.002 m corresponds to a fifth of a pixel.
     assert!(sum.xy().norm() < 0.002, "{sum}");
     let smeared = setup.renderer.image(&shot(&view, &deck, 0.08)).expect("an image");
     assert_eq!(setup.node.detect(&smeared), None, "51 px of smear");
@@ -196,7 +196,7 @@ fn rendered_glare_partial_view_and_open_sea() {
             .expect("an image");
         assert_eq!(setup.node.detect(&image), None);
     }
-    // The deck mirrors the sun, behind the drone, into the camera.
+    // The sun is behind the drone, and the deck mirrors it into the camera.
     let sun = Vector3::new(0.5, 0.0, -0.75_f64.sqrt());
     setup.renderer.sun = Vector::from(sun);
     let from_sun = view_along(&sun);
@@ -248,7 +248,7 @@ fn rendered_tag_metering_in_any_light() {
     }
 }
 
-/// Camera that looks straight down from where the deck mirrors the sun.
+/// Camera that looks straight down from a position at which the deck mirrors the sun.
 fn view_along(sun: &Vector3<f64>) -> CameraMotion {
     let height = 4.0;
     let away = -sun.xy() / -sun.z * height;
@@ -270,7 +270,7 @@ fn rendered_tags_from_contact_to_10_m() {
     };
     let mut renderer = Renderer::new(&config, &deck_geometry, &Streams::new(1)).below(&drone, &mount);
     let mut node = CameraNode::new(&CameraSettings::default(), &deck_geometry.tags(), NAMES);
-    // Feet above the deck.
+    // Heights are those of the feet above the deck.
     for (up, aside) in [
         (0.0, 0.0),
         (0.0, 0.2),
@@ -296,7 +296,7 @@ fn rendered_tags_from_contact_to_10_m() {
     }
 }
 
-/// Draws every pixel by its own rays, without uniform blocks.
+/// Draws every pixel with its own rays, without uniform blocks.
 fn by_pixels(renderer: &Renderer, scene: &Scene) -> Vec<f32> {
     let (deck, _) = scene.deck.as_ref().expect("detected");
     let pixel = |ray| {

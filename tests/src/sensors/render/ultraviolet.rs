@@ -1,4 +1,4 @@
-//! Images of the ultraviolet camera: dark but for the deck's blinking markers and glints on the water.
+//! Images of the ultraviolet camera: dark except for the deck's blinking markers and glints on the water.
 
 use alight_uav::camera::GreyImage;
 use alight_uav::camera::uvdar::UvdarSettings;
@@ -9,7 +9,7 @@ use super::Shot;
 use crate::physics::streams::Streams;
 use crate::sensors::noise::Noise;
 
-/// Light of a marker at 1 m, grey levels times pixels. Chosen: above the threshold up to 35 m.
+/// Light of a marker at 1 m, grey levels times pixels. Chosen: above the detection threshold up to 35 m.
 const LIGHT: f64 = 6e5;
 const SPOT_SD_PX: f64 = 1.0;
 /// Radius of a spot, px.
@@ -23,7 +23,7 @@ pub struct Ultraviolet {
     settings: UvdarSettings,
     codes: Vec<Code>,
     uv_from_belly: UnitQuaternion<f64>,
-    /// Phase of the markers' clock relative to the camera's, bits, and relative rate.
+    /// Phase of the markers' clock relative to the camera's, in bits, and its relative rate.
     phase: f64,
     faster: f64,
     glints: usize,
@@ -32,7 +32,7 @@ pub struct Ultraviolet {
 }
 
 impl Ultraviolet {
-    /// `glints`: number per image.
+    /// `glints` is the number per image.
     pub fn new(settings: &UvdarSettings, glints: usize, streams: &Streams) -> Ultraviolet {
         let mut noise = Noise::new(streams, "drone.ultraviolet");
         Ultraviolet {
@@ -46,7 +46,6 @@ impl Ultraviolet {
             settings: settings.clone(),
         }
     }
-    /// Lit fraction of the exposure of marker `k`.
     fn lit(&self, k: usize, shot: &Shot) -> f64 {
         let Some(code) = self.codes.get(k) else { return 0.0 };
         let bits = |s: f64| (shot.t.secs() + s) * self.settings.rate_hz * (1.0 + self.faster) + self.phase;
@@ -57,7 +56,7 @@ impl Ultraviolet {
         };
         (0..parts).map(lit).sum::<f64>() / f64::from(parts)
     }
-    /// None for a size that the configuration's check rejects.
+    /// None for a size that the configuration check rejects.
     pub fn image(&mut self, shot: &Shot) -> Option<GreyImage> {
         let lens = &self.settings.lens;
         let (width, height) = (lens.width_px as usize, lens.height_px as usize);

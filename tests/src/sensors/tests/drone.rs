@@ -3,13 +3,12 @@ use alight_shared::frames::Camera;
 use alight_shared::msg::Message;
 use nalgebra::{Quaternion, UnitQuaternion};
 
-/// A level deck at the origin, 1.3 m above the water.
+/// Level deck at the origin, 1.3 m above the water.
 fn deck() -> RigidState<Deck> {
     still([0.0; 3], [0.0; 3])
 }
 const FLAT: fn(f64, f64) -> f64 = |_, _| 1.3;
 
-/// Readings of a stationary drone in `ticks` ticks.
 fn watch(
     config: &SensorConfig,
     drone: &RigidState<DroneBody>,
@@ -85,17 +84,17 @@ fn ideal_tag_detection() {
 fn tag_visibility_limits() {
     let level = [0.0; 3];
     assert!(sees_tag([0.0, 0.0, -7.0], level));
-    // 480 rows are 73.7 deg fore and aft, 640 columns 90 deg across.
+    // 480 rows cover 73.7 deg fore and aft, 640 columns cover 90 deg across.
     assert!(!sees_tag([0.0, 7.0, -7.0], level) && sees_tag([0.0, 6.0, -7.0], level));
     assert!(!sees_tag([5.0, 0.0, -7.0], level) && sees_tag([4.5, 0.0, -7.0], level));
-    // A tilt moves the tag in the image: with 30 deg bow up, a tag below is at the upper edge.
+    // A tilt moves the tag in the image: at 30 deg bow up, a tag straight below is at the upper edge.
     assert!(sees_tag([0.0, 0.0, -7.0], [0.0, 0.5, 0.0]));
     assert!(!sees_tag([0.0, 0.0, -7.0], [0.0, 0.62, 0.0]));
-    // At 24.1 m and a focal length of 320 px, 1 m is 13.3 px.
+    // At 24.1 m and a focal length of 320 px, 1 m corresponds to 13.3 px.
     assert!(sees_tag([0.0, 0.0, -23.6], level) && !sees_tag([0.0, 0.0, -24.6], level));
-    // Below 0.67 m the corners of 1 m do not fit into 73.7 deg.
+    // Below 0.67 m the corners of a 1 m tag do not fit into 73.7 deg.
     assert!(sees_tag([0.0, 0.0, -0.80], level) && !sees_tag([0.0, 0.0, -0.70], level));
-    // The width limits an oblique view, nearby at a greater angle than far away.
+    // The width limits an oblique view; the permitted angle is greater nearby than far away.
     let reads = |height: f64, deg: f64| {
         let tilted = still::<Deck>([0.0; 3], [0.0, deg.to_radians(), 0.0]);
         let at = still([0.0, 0.0, -height], level);
@@ -109,7 +108,7 @@ fn tag_visibility_limits() {
 
 #[test]
 fn tag_blur_tolerance_by_size() {
-    // 320 px x 4 ms: 1.28 px for each rad/s.
+    // At 320 px and 4 ms, each rad/s causes 1.28 px of motion.
     let reads = |height: f64, rate: f64| {
         let mut spinning = still([0.0, 0.0, -height], [0.0; 3]);
         spinning.rates = Vector::new(rate, 0.0, 0.0);
@@ -143,8 +142,8 @@ fn tag_detection_by_size() {
     for height in [2.0, 6.0, 12.0, 23.0] {
         let (real, stated, rate) = scatter(&config, &still([0.2, 0.1, -height], [0.0, 0.05, 0.3]), 20);
         assert!(real > last.0 && rate <= last.1, "{height} m: {real} m, {rate}");
-        // A large, sharp tag has half the reported error. Two tilts of a small tag fit equally well; the
-        // wrong one exceeds any reported deviation.
+        // For a large, sharp tag the error is half the reported error. For a small tag two tilts fit equally
+        // well; the wrong one exceeds any reported deviation.
         assert!(
             (0.75..4.0).contains(&(stated / real)),
             "{height} m: {real} {stated}"
@@ -152,7 +151,7 @@ fn tag_detection_by_size() {
         last = (real, rate);
     }
     assert!(last.1 < 0.95, "{}", last.1);
-    // One pixel at the corners, whatever the image.
+    // Noise of one pixel at the corners, independent of the image.
     config.tag.corner_sd_px = 1.0;
     let (coarse, _, _) = scatter(&config, &still([0.2, 0.1, -6.0], [0.0, 0.05, 0.3]), 20);
     config.tag.corner_sd_px = 0.1;
@@ -185,7 +184,7 @@ fn camera_mount_errors() {
         watch(&wrong, &drone, &deck(), 10).tags[0],
     );
     let moved = (Vector3::from(a.position) - Vector3::from(b.position)).norm();
-    // A degree at 10 m is 17 cm.
+    // A degree at 10 m corresponds to 17 cm.
     assert!((0.02..0.8).contains(&moved), "{moved}");
 }
 
@@ -207,7 +206,7 @@ fn uvdar_range() {
 fn uvdar_fix_variance() {
     let mut config = ideal();
     config.uvdar.distance_correlation_s = 0.05;
-    // The reported deviation is above its minimum.
+    // The reported deviation must exceed its minimum.
     (config.uvdar.bearing_sd_deg, config.uvdar.distance_sd) = (0.5, 0.07);
     config.uvdar.aside_sd_m = 0.0;
     let drone = still([-12.0, 5.0, -9.0], [0.05, -0.03, 0.2]);

@@ -1,4 +1,4 @@
-//! Tests against the sensors' configured parameters.
+//! Tests of the sensors against their configured parameters.
 
 mod drone;
 mod night;
@@ -19,7 +19,7 @@ struct Rig {
     drone: DroneSensors,
 }
 
-/// The paper's tag alone on the deck.
+/// Deck with the paper's tag alone.
 fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     let deck = DeckGeometry {
         tag_side_m: Some(1.0),
@@ -40,7 +40,7 @@ fn sensors(config: &SensorConfig, seed: u64) -> Rig {
     }
 }
 
-/// No errors and failures, but latencies.
+/// Sensors without errors and failures, but with latencies.
 fn ideal() -> SensorConfig {
     let mut c = SensorConfig::default();
     let imu = &mut c.vessel_imu;
@@ -75,7 +75,6 @@ fn ideal() -> SensorConfig {
     c
 }
 
-/// A body at rest at `position` with the attitude `euler`.
 fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     RigidState {
         position: Point::from(Vector3::from(position)),
@@ -84,8 +83,7 @@ fn still<B>(position: [f64; 3], euler: [f64; 3]) -> RigidState<B> {
     }
 }
 
-/// Smooth motion in six degrees of freedom; derivatives are central differences of analytic positions and
-/// angles.
+/// Smooth motion in six degrees of freedom; the derivatives are central differences of analytic positions and angles.
 fn rocking<B>(t: f64) -> RigidState<B> {
     let wave = |t: f64, a: f64, w: f64, p: f64| a * (w * t + p).sin();
     let place = |t: f64| {

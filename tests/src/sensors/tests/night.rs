@@ -1,4 +1,4 @@
-//! The belly camera by night: detector on rendered images against the measurement model.
+//! The belly camera at night: the detector on rendered images compared with the measurement model.
 
 use alight_uav::camera::TagSettings;
 use alight_uav::camera::detector::TagDetector;
@@ -14,13 +14,13 @@ use crate::sensors::tag::SimulatedTagDetector;
 
 const IMAGES: usize = 30;
 
-/// Fractions of images with a detection, and corner noise, px: on rendered images, and by the model.
+/// Fraction of images with a detection, and corner noise, px: on rendered images, and according to the model.
 struct Row {
     images: [f64; 2],
     model: [f64; 2],
 }
 
-/// A tag of 1 m in this light, from all sides, 20 deg off its normal.
+/// Tag of 1 m in this light, viewed from all sides, 20 deg off its normal.
 fn row(night: NightConfig, range_m: f64) -> Row {
     let (config, streams) = (SensorConfig::default(), Streams::new(7));
     let deck = DeckGeometry {
@@ -32,7 +32,7 @@ fn row(night: NightConfig, range_m: f64) -> Row {
     let mut detector = TagDetector::new(&TagSettings::default(), &tags);
     let model = SimulatedTagDetector::new(&config.tag, &deck, "drone.tag", &streams).at_night(Some(&night));
     let mut draw = Noise::new(&streams, "test.night");
-    // Half the image's height less half the tag, rad.
+    // Half the image's height minus half the tag, rad.
     let room = (0.5 * config.tag.height_px / lens.focal_px[1] - 0.75 / range_m).clamp(0.0, 0.17);
     let (mut found, mut expected) = ([0.0; 2], [0.0; 2]);
     for _ in 0..IMAGES {
@@ -64,7 +64,7 @@ fn row(night: NightConfig, range_m: f64) -> Row {
 }
 
 /// Camera at `range_m` with a random roll, its axis up to `room` rad off the tag. It turns by half a pixel
-/// during the exposure; `exposure_px`: exposure in seconds times focal length.
+/// during the exposure; `exposure_px` is the exposure in seconds times the focal length.
 fn shot(
     draw: &mut Noise,
     model: &SimulatedTagDetector,
@@ -115,8 +115,7 @@ fn detection_by_night_in_images_and_model() {
         lamp_cd,
         ..NightConfig::default()
     };
-    // Floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; lit tags that are faint, normal,
-    // dazzling; a lamp.
+    // Floodlit deck; 24 dB, limited by light; 36 dB, limited by noise; faint, normal and dazzling lit tags; a lamp.
     let conditions = [
         (printed(200.0, 16.0), 4.0),
         (printed(40.0, 16.0), 12.0),
@@ -136,7 +135,7 @@ fn detection_by_night_in_images_and_model() {
             (images - model).abs() < 0.2,
             "{images} of the images, {model}: {night:?}"
         );
-        // Needs more than a few detections.
+        // The comparison needs more than a few detections.
         assert!(
             images < 0.5 || (0.5..2.0).contains(&ratio),
             "corners {ratio}: {night:?}"

@@ -1,4 +1,4 @@
-//! The ultraviolet camera's node on rendered images against the measurement model.
+//! The ultraviolet camera's node on rendered images, compared with the measurement model.
 
 use core::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ use crate::sensors::render::ultraviolet::Ultraviolet;
 use crate::sensors::uvdar::UvdarConfig;
 
 const RANGE_M: f64 = 12.0;
-/// Images of one flight; the first, in which codes are still unknown, do not count.
+/// Images per flight. The first images, in which the codes are still unknown, do not count.
 const IMAGES: usize = 80;
 const FIRST: usize = 20;
 
@@ -97,7 +97,7 @@ fn uvdar_node_among_glints() {
         rate > 0.5 && bearing.to_degrees() < 0.5 && distance < 0.15,
         "{rate} {bearing} {distance}"
     );
-    // The model was fitted to this detector.
+    // The model is fitted to this detector.
     let model = UvdarConfig::default();
     let [model_bearing, model_distance] = model.sd(RANGE_M);
     assert!((1.0 - model.miss - rate).abs() < 0.1, "{rate}");

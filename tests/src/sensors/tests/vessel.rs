@@ -19,7 +19,7 @@ fn ideal_imu_on_its_lever_arm() {
             assert_eq!(m.check(), Ok(()));
             assert_eq!(m.header.at, s.clocks.vessel.read(t));
             if let Some(l) = last {
-                // Trapezoidal rule in the rate, and in the specific force in NED.
+                // Trapezoidal rule for the rate, and for the specific force in NED.
                 let mean = (Vector3::from(l.gyro) + Vector3::from(m.gyro)) * 0.5;
                 let next = q * UnitQuaternion::from_scaled_axis(mean * dt);
                 let a = (q * Vector3::from(l.accelerometer) + next * Vector3::from(m.accelerometer)) * 0.5
@@ -50,7 +50,7 @@ fn level_imu_at_rest() {
     let m = s.vessel.step(tick(0), &still([0.0; 3], [0.0; 3])).imu;
     assert_eq!(m.len(), 1);
     assert!((Vector3::from(m[0].accelerometer) - Vector3::new(0.0, 0.0, -9.806_65)).norm() < 1e-12);
-    // Bow up: the forward axis measures the reaction force.
+    // With the bow up, the forward axis measures part of the reaction to gravity.
     let m = s.vessel.step(tick(1), &still([0.0; 3], [0.0, 0.1, 0.0])).imu;
     assert!((m[0].accelerometer[0] - 9.806_65 * 0.1_f64.sin()).abs() < 1e-12);
 }
@@ -95,7 +95,7 @@ fn ideal_gnss_fix() {
         for fix in s.vessel.step(t, &rocking(t.secs())).gnss {
             assert_eq!(fix.check(), Ok(()));
             let at = s.clocks.vessel.true_time(fix.header.at);
-            // The clock's drift rounds to a nanosecond.
+            // The clock's drift is rounded to a nanosecond.
             assert!(((t - at).secs() - 0.05).abs() < 1e-8);
             let truth = rocking::<VesselBody>(at.secs()).at::<VesselBody>(antenna);
             assert!((Vector3::from(fix.position) - truth.position.0).norm() < 1e-6);
@@ -125,7 +125,7 @@ fn gnss_errors() {
         }
         for axis in 0..3 {
             let x: Vec<f64> = north.iter().map(|p| p[axis]).collect();
-            // Differences of neighbours do not contain the slow bias.
+            // Differences between successive samples do not contain the slow bias.
             white.extend(x.windows(2).map(|w| (w[1] - w[0]) / 2_f64.sqrt()));
             biases.push(moments(&x).0);
         }

@@ -1,4 +1,4 @@
-//! Arbitrary input: no panic, bounded memory.
+//! Arbitrary input causes no panic and no unbounded memory use.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::node::Node;
@@ -12,7 +12,6 @@ use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use alight_uav::odometry::OdometryConfig;
 use proptest::prelude::*;
 
-/// Ordinary and extreme numbers.
 fn number() -> impl Strategy<Value = f64> {
     prop_oneof![
         -10.0..10.0_f64,
@@ -195,7 +194,7 @@ proptest! {
         let beat = heartbeat(12, 2, 1, 7);
         for piece in &pieces {
             decoder.push(piece);
-            // Noise may look like the start of a frame; silence of a frame's length ends that frame.
+            // Noise may look like the start of a frame; a silence as long as a frame ends it.
             decoder.push(&[0; 300]);
             decoder.push(&encoder.frame(Address::new(1, 1), &beat).unwrap());
             sent += 1;
@@ -208,7 +207,7 @@ proptest! {
 
     #[test]
     fn encoded_message_round_trip(m in message()) {
-        // Messages without a place in the dialect are not sent.
+        // Messages that are not in the dialect are not sent.
         if let Some(bytes) = Encoder::default().frame(Address::new(9, 1), &m) {
             let mut decoder = Decoder::default();
             decoder.push(&bytes);
@@ -246,7 +245,7 @@ proptest! {
             prop_assert!(out.ranges.iter().all(|r| r.check().is_ok()));
             prop_assert!(out.state.is_none_or(|s| s.check().is_ok()), "{:?}", out.state);
             prop_assert!(out.messages.len() < 64 && out.texts.len() <= 8);
-            // Nothing is flown without the pilot's set-points.
+            // No set-point is sent without the pilot's set-points.
             let flown = |m: &MavlinkMessage| matches!(m, MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_));
             prop_assert!(!out.messages.iter().any(flown));
         }

@@ -1,4 +1,4 @@
-//! Actions of the link on a low battery: by its own reserve, and by the mission's choice.
+//! Actions of the link on a low battery: according to its own reserve, and according to the mission's choice.
 
 use super::BOTH;
 use super::config;
@@ -58,7 +58,7 @@ fn low_battery_return_and_landing() {
     ] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
-        // First below the mission's reserve, then, for the deck, below the link's.
+        // First below the mission's reserve; then, for the deck, below the link's.
         p.linked.autopilot.battery = 0.15;
         p.run(1.0);
         p.assert_commanding();
@@ -71,7 +71,8 @@ fn low_battery_return_and_landing() {
     }
 }
 
-/// The gauge steps below the last reserve: the mission counts the time, and chooses before the link.
+/// The gauge steps below the last reserve; the mission confirms the low charge and chooses a landing place before
+/// the link diverts.
 #[test]
 fn diversion_after_the_mission_has_counted() {
     for firmware in BOTH {
@@ -85,7 +86,7 @@ fn diversion_after_the_mission_has_counted() {
         p.low_battery = Some(BatteryPlace::Deck);
         p.run(10.0);
         p.assert_commanding();
-        // A mission that counted and chose nothing, and one that never counts.
+        // A mission that confirms the low charge but chooses nothing; below, a mission that never confirms it.
         p.low_battery = None;
         p.run(4.0);
         assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
@@ -116,7 +117,7 @@ fn battery_reserve_in_descent_and_flare() {
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
-        // Nor while the pilot continues without the mission.
+        // The link does not act while the pilot continues without the mission, either.
         p.mission_silent = true;
         p.run(3.0);
         assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());

@@ -27,7 +27,7 @@ fn link_successor_with_a_checkpoint() {
         let (began_s, known) = (p.t_s, p.odometry.len());
         p.run(1.0);
         let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
-        // At its first odometry; ArduCopter sends one every 25 ms.
+        // The restarted link acts at its first odometry; ArduCopter sends one every 25 ms.
         assert!(at_s - began_s <= 0.04, "{firmware:?}: {} s", at_s - began_s);
         let (t_s, first) = p.odometry[known];
         assert!(t_s - began_s <= 0.04, "{firmware:?}: {} s", t_s - began_s);
@@ -84,7 +84,7 @@ fn link_successor_with_a_void_checkpoint() {
     }
 }
 
-/// In 0.7 s PX4 enters its failsafe; the restarted link commands it at once.
+/// PX4 enters its failsafe within 0.7 s; the restarted link commands the mode at once.
 #[test]
 fn link_successor_after_the_failsafe() {
     for firmware in BOTH {

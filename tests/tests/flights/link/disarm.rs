@@ -1,4 +1,4 @@
-//! Disarms only on the deck, with evidence.
+//! The link disarms only on the deck, and only with evidence of a landing.
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::{LinkRig, press, stop};
 use super::{BOTH, config};
 
-/// The pilot presses the drone onto the deck, up to the detection of a touchdown.
+/// Rig whose pilot presses the drone onto the deck, up to the detection of a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = LinkRig::commanding(firmware, 1.0, config);
     p.run(4.0);
@@ -67,7 +67,7 @@ fn denied_disarm_attempts_and_report() {
     assert_eq!(still_armed(&p), ["3 s", "13 s"]);
     let alarms = |(s, text): &(u8, String)| *s <= severity::WARNING && text.contains("still ARMED");
     assert!(p.notes.iter().any(alarms), "{:?}", p.notes);
-    // It stays on the deck with zero thrust; set-points continue.
+    // The drone stays on the deck with zero thrust; set-points continue.
     assert!(p.sent_since(p.t_s - 0.1) > 3 && p.on_deck);
     p.linked.autopilot.answer = None;
     p.run(3.0);
@@ -109,7 +109,7 @@ fn still_armed(p: &LinkRig) -> Vec<String> {
     p.texts.iter().filter_map(text).collect()
 }
 
-/// The pilot stopped it on the deck; the autopilot denies the first disarm.
+/// Rig whose pilot has stopped the drone on the deck; the autopilot denies the first disarm.
 fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = pressed(firmware, config);
     p.linked.autopilot.answer = Some(CommandResult::Denied);
@@ -173,7 +173,7 @@ fn abort_on_the_deck_restarts_the_disarm() {
                 p.run(0.1);
             }
         }
-        // The fast retries are over; the next follows after 2 s.
+        // The fast retries are over; the next retry follows after 2 s.
         assert_eq!(count(&p), rare, "{firmware:?}");
         p.linked.autopilot.answer = None;
         p.run(0.5);

@@ -1,4 +1,4 @@
-//! Responses of PX4 and ArduCopter to attitude and thrust, as measured with the real firmwares.
+//! Responses of PX4 and ArduCopter to attitude and thrust, compared with measurements of the real firmwares.
 
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::msg::{DroneState, SetPoint, State};
@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::rig::{LinkRig, hover, press};
 use super::{BOTH, config};
 
-/// Rocks the drone about its own axis at a heading of 180 deg, as above a rocking deck.
+/// Set-point that rocks the drone about its own axis at a heading of 180 deg, as above a rocking deck.
 fn rock(d: &DroneState) -> SetPoint {
     let turning = core::f64::consts::TAU / 1.5;
     let (sin, cos) = (turning * d.header.at.secs()).sin_cos();
@@ -49,13 +49,13 @@ fn ardu_copter_without_body_rates() {
     };
     let default = AutopilotLinkConfig::default().send_rates;
     let [px4, copter] = BOTH.map(|f| apart(f, default));
-    // ArduCopter shapes its input: at 8.6 deg it lags by 4 deg, PX4 by 2.7 deg.
+    // ArduCopter shapes its input: at an amplitude of 8.6 deg it lags by 4 deg, PX4 by 2.7 deg.
     assert!(px4 < copter && copter < 0.08, "{px4} {copter}");
     let with = apart(Firmware::ArduCopter, true);
     assert!(with > 1.2 * copter, "{with} {copter}");
 }
 
-/// Tilts by 0.4 rad with the thrust of a level hover.
+/// Tilt of 0.4 rad with the thrust of a level hover.
 fn tilted(d: &DroneState) -> SetPoint {
     let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
@@ -67,7 +67,7 @@ fn tilted(d: &DroneState) -> SetPoint {
 
 #[test]
 fn thrust_of_a_tilted_drone() {
-    // ArduCopter alone would add 9 %.
+    // ArduCopter on its own would add 9 % of thrust.
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;
@@ -83,10 +83,10 @@ fn thrust_of_a_tilted_drone() {
     }
 }
 
-/// Whether a firmware uses a LANDING_TARGET with a valid position, by its source. PX4
-/// (`MavlinkReceiver::handle_message_landing_target`): `frame == MAV_FRAME_LOCAL_NED` (1), position relative
-/// to the origin. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`): `frame == MAV_FRAME_BODY_FRD` (12) or, in
-/// newer versions, `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, by which it divides.
+/// Whether a firmware uses a LANDING_TARGET with a valid position, according to its source code. PX4
+/// (`MavlinkReceiver::handle_message_landing_target`) requires `frame == MAV_FRAME_LOCAL_NED` (1), with the position
+/// relative to the origin. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires `frame == MAV_FRAME_BODY_FRD` (12)
+/// or, in newer versions, `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, because it divides by the distance.
 fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
     match firmware {
         Firmware::Px4 => t.frame.number() == 1,
@@ -101,7 +101,7 @@ fn landing_target_by_firmware() {
         ..config()
     };
     for firmware in BOTH {
-        // Neither level nor heading north, so that a wrong frame has another direction.
+        // Neither level nor heading north, so that a wrong frame gives a different direction.
         let mut p = LinkRig::at(firmware, 6.0, 1.1, &c);
         p.deck_offset = [2.0, -1.0];
         p.take_command();
@@ -114,7 +114,7 @@ fn landing_target_by_firmware() {
         assert!(p.targets.len() > 30, "{firmware:?}: {}", p.targets.len());
         assert!(p.targets.iter().all(|t| takes(firmware, t)), "{firmware:?}");
         assert_eq!(a.targets_rejected, 0, "{firmware:?}");
-        // 2 m north and 1 m west of the point below the drone.
+        // Expected: 2 m north and 1 m west of the point below the drone.
         let at = a.target.expect("a target") - a.position();
         let apart = at - Vector3::new(2.0, -1.0, -a.position().z);
         assert!(apart.norm() < 0.5, "{firmware:?}: {at:?}");
@@ -178,7 +178,7 @@ fn deck_for_a_target_estimator() {
     let target = p.relative.last().expect("a target");
     let apart = Vector3::from(target.position) - Vector3::new(2.0, -1.0, -own.position[2]);
     assert!(apart.norm() < 0.1, "{target:?} {own:?}");
-    // PX4 knows our clock from answers to TIMESYNC.
+    // PX4 derives our clock from answers to TIMESYNC.
     let late_s = p.t_s - 1e-6 * target.time_us as f64;
     assert!((0.0..0.2).contains(&late_s), "{late_s}");
     let received = p.absolute.last().expect("a target");
@@ -186,7 +186,7 @@ fn deck_for_a_target_estimator() {
     let expected = own.datum.at(&Vector::<DroneNed>::from(deck));
     assert!(received.place.distance_m(&expected) < 0.2, "{received:?}");
 
-    // ArduCopter gets only LANDING_TARGET.
+    // ArduCopter receives only LANDING_TARGET.
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 6.0, &c);
     p.mission = State::Descent;
     p.run(0.8);

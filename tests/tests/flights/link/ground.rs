@@ -1,4 +1,4 @@
-//! Reports to a ground station through the autopilot, and commands by an RC switch.
+//! Reports to a ground station through the autopilot, and commands from an RC switch.
 
 use alight_shared::mavlink::{FrameReader, dialect};
 use alight_shared::msg::{CommandKind, ReasonCode, State};
@@ -14,7 +14,7 @@ use alight_uav::autopilot::wire::Encoder;
 use super::rig::LinkRig;
 use super::{BOTH, config};
 
-/// RC channel of the switch.
+/// RC channel to which the switch is assigned.
 const CHANNEL: u8 = 7;
 const MIDDLE: u16 = 1500;
 const HIGH: u16 = 2000;
@@ -85,7 +85,7 @@ fn ground_station_states_and_values() {
             "{distances:?} at {height} m"
         );
         assert!(ages.iter().all(|a| (0.0..0.1).contains(a)), "{ages:?}");
-        // Without forecasts the age increases, and no distance is reported.
+        // Without forecasts the reported age increases, and no distance is reported.
         p.forecast = false;
         p.run(3.0);
         p.values.clear();
@@ -96,15 +96,13 @@ fn ground_station_states_and_values() {
     }
 }
 
-/// Command to the companion computer.
 pub(super) fn order(number: u16) -> MavlinkMessage {
     MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
 }
 pub(super) const STATION: Address = Address::new(255, 190);
 pub(super) const VEHICLE: u8 = 3;
 
-/// By default an abort is accepted from every sender. Other orders need a signature; a rejection states the
-/// reason.
+/// By default an abort is accepted from any sender. Other orders need a signature; a rejection states the reason.
 #[test]
 fn orders_of_a_link_as_shipped() {
     for firmware in BOTH {
@@ -169,7 +167,7 @@ fn order_by_command_int() {
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
         assert_eq!(p.answered, [STATION; 2]);
         assert!(p.orders.iter().all(|c| c.kind == CommandKind::Land) && !p.orders.is_empty());
-        // Orders to another component, and to all.
+        // Orders addressed to another component, and to all components.
         p.orders.clear();
         for component in [0, 154] {
             let to = Address::new(VEHICLE, component);
@@ -194,7 +192,7 @@ fn answers_to_another_station() {
             p.texts.iter().filter(|t| t.contains("denied")).count()
         };
         let own = Address::new(VEHICLE, 191);
-        // A firmware that does not report its address leaves both ids, or the component, open.
+        // A firmware that does not report its address leaves both ids, or only the component, unspecified.
         for to in [own, Address::default(), Address::new(VEHICLE, 0)] {
             assert_eq!(denied(to), 1, "{firmware:?} {to:?}");
         }
@@ -204,7 +202,6 @@ fn answers_to_another_station() {
     }
 }
 
-/// Accepts unsigned orders.
 pub(super) fn by_mavlink() -> NodeConfigs {
     NodeConfigs {
         autopilot: config(),
@@ -229,7 +226,7 @@ fn abort_by_ground_station_and_landing_by_rc_switch() {
         m.abort.is_some() && m.entered.code == ReasonCode::Operator,
         "{m:?}"
     );
-    // The link does not command again before the abort is accepted and answered.
+    // The link does not send the command again before the abort is accepted and answered.
     assert!(!rig.until(2.0, |r| r.state(0) == State::Descent));
     turn(&mut rig, HIGH);
     let landed = rig.until(60.0, |r| r.state(0) == State::Landed);

@@ -1,4 +1,4 @@
-//! The deck's position as the autopilot's home.
+//! The deck's position as the autopilot's home position.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::State;
@@ -24,7 +24,7 @@ fn home_on_the_deck() {
         p.mission = State::Tracking;
         p.pilot = Some(hold);
         p.run(16.0);
-        // The home is sent once at rest, and not again for 30 s.
+        // At rest the home position is sent once, and not again for 30 s.
         let times = |p: &LinkRig| -> Vec<f64> {
             let home = p.commands.iter().filter(|(_, c)| c.command == command::SET_HOME);
             home.map(|(t, _)| *t).collect()
@@ -32,7 +32,7 @@ fn home_on_the_deck() {
         assert_eq!(times(&p).len(), 1, "{firmware:?}");
         let home = p.linked.autopilot.home.unwrap();
         assert!(home.distance_m(&origin) < 3.0, "{firmware:?}: {home:?}");
-        // At 1 m/s: the drone stays above the deck.
+        // At 1 m/s the drone stays above the deck.
         p.pilot = Some(lead);
         p.run(40.0);
         let times = times(&p);

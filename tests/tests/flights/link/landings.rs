@@ -18,7 +18,7 @@ fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
-/// Lands on two seeds at Moderate over each wire: all succeed within 0.15 m, none is unsafe.
+/// Lands on two seeds at Moderate over each wire: all landings succeed within 0.15 m of the centre, and none is unsafe.
 fn lands(firmware: Firmware) {
     for (wire_s, seed) in [0.005, 0.02, 0.04].repeat(2).into_iter().zip(300..) {
         let o = fly(firmware, wire_s, seed);
@@ -40,7 +40,7 @@ fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
 
 #[test]
 fn landing_after_the_failsafe_parameter() {
-    // The timeout is the firmware's default until the pilot sets it, 10 s after the order.
+    // The time-out keeps the firmware's default until the pilot sets it 10 s after the order.
     let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
     let mut world = World::new(&scenario, &nodes, 300).unwrap();
     let waited_s = 10.0;

@@ -1,5 +1,5 @@
 //! The link with simulated autopilots that imitate PX4 and ArduCopter: every mode, denial, loss, take-over
-//! and disarm; and landings.
+//! and disarm, and landings.
 
 mod arbitrary;
 mod battery;
@@ -27,7 +27,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, lead, press};
 
-/// Accepts unsigned orders.
+/// Configuration that accepts unsigned orders.
 fn config() -> AutopilotLinkConfig {
     AutopilotLinkConfig {
         unsigned_orders: true,
@@ -53,7 +53,7 @@ fn odometry_rate_and_time_of_validity() {
         assert!(p.ranges.len() >= readings, "{firmware:?}: {}", p.ranges.len());
         for (arrived, o) in &p.odometry {
             let age = arrived - o.header.at.secs();
-            // The wire takes 6 ms, a step 5 ms; ArduCopter stamps in milliseconds.
+            // The wire takes 6 ms and a step 5 ms; ArduCopter's stamps have a resolution of 1 ms.
             assert!((0.004..0.014).contains(&age), "{firmware:?}: {age}");
         }
         assert!(p.odometry.windows(2).all(|w| w[1].1.header.at > w[0].1.header.at));
@@ -91,7 +91,7 @@ fn px4_offboard_after_streamed_set_points() {
     let from = p.t_s;
     p.run(2.0);
     assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
-    // Only the pilot chooses a mode or arms.
+    // Only the pilot selects a mode or arms.
     assert!(p.commands_of(command::SET_MODE).is_empty() && p.commands_of(command::ARM_DISARM).is_empty());
 }
 
@@ -100,7 +100,7 @@ fn set_points_before_offboard() {
     let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
     p.run(4.0);
     let from = p.t_s;
-    // Set-points to far places are not streamed.
+    // Set-points for distant positions are not streamed.
     p.pilot = Some(press);
     p.run(1.0);
     p.pilot = Some(|d| SetPoint {
@@ -112,7 +112,7 @@ fn set_points_before_offboard() {
     p.mission = State::Approach;
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
-    // ArduCopter needs no stream.
+    // ArduCopter does not require a stream.
     let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
@@ -156,7 +156,7 @@ fn autopilot_failsafes() {
         p.run(30.0);
         assert!(p.silent_since() - at <= 0.1);
         assert_eq!(p.state().mode, mode);
-        // The pilot chose Hold or Brake while set-points arrived.
+        // The pilot selected Hold or Brake while set-points arrived.
         assert!(
             p.states.iter().all(|s| !s.set_points_lost),
             "{firmware:?} {mode:?}"
@@ -179,7 +179,7 @@ fn silent_pilot_and_its_return() {
         }
     );
     assert!(p.state().set_points_lost);
-    // The crew's mode is still OFFBOARD: PX4 returns to it when the stream resumes.
+    // OFFBOARD is still the crew's choice: PX4 returns to it when the stream resumes.
     p.pilot = Some(hold);
     p.run(2.0);
     assert_eq!(p.mode(), AutopilotMode::Offboard);
@@ -197,12 +197,12 @@ fn link_without_heartbeats() {
         let at = p.t_s;
         p.run(4.0);
         assert_eq!(p.authority(), ControlAuthority::LinkLost);
-        // Without odometry, set-points end long before the time limit of heartbeats.
+        // Without odometry, set-points stop long before the heartbeat time limit.
         assert!(p.silent_since() - at <= 0.25, "{}", p.silent_since() - at);
         let reported = p.states.len();
         p.run(2.0);
         assert_eq!(p.states.len(), reported, "a state without a heartbeat");
-        // The mission waits again, because it does not command the drone.
+        // The mission waits again because it does not command the drone.
         p.mission = State::Idle;
         p.linked.autopilot.silent = false;
         p.run(4.0);
@@ -225,8 +225,8 @@ fn link_with_a_restarted_autopilot() {
     }
 }
 
-/// The link does not arm the drone if that is not permitted, on the deck, or without a known deck: the crew
-/// has not cleared it. Otherwise it arms once, in its own mode.
+/// The link does not arm the drone if arming is not permitted, on a deck that the crew has not cleared, or if
+/// the deck is unknown. Otherwise it arms once, in its own mode.
 #[test]
 fn arming_when_configured() {
     for (firmware, may_arm, away_m, forecast, denied, expected) in [
@@ -254,7 +254,7 @@ fn arming_when_configured() {
             "{firmware:?}, {away_m} m, forecast: {forecast}"
         );
         assert_eq!(p.linked.autopilot.armed(), expected == 1);
-        // After a manual disarm, the drone is not armed again.
+        // The drone is not armed again after a manual disarm.
         p.linked.autopilot.arm(false);
         p.run(10.0);
         assert_eq!(sent(&p), expected, "{firmware:?}");
@@ -280,7 +280,7 @@ fn other_systems_on_the_link() {
         current_a: None,
     };
     for _ in 0..100 {
-        // A ground station, a camera of this drone, and another drone in manual flight.
+        // Heartbeats of a ground station, of a camera on this drone, and of another drone in manual flight.
         p.inject(Address::new(255, 190), &heartbeat(8, 6, 0));
         p.inject(Address::new(3, 100), &heartbeat(8, 30, 0));
         p.inject(Address::new(4, 1), &flown_by_hand);
@@ -305,7 +305,7 @@ fn odometry_about_the_autopilots_origin() {
     for firmware in BOTH {
         let mut p = LinkRig::new(firmware, 5.0, &config());
         p.linked.autopilot.origin = origin;
-        // One receiver reports both heights, the other one: a missing height is not zero.
+        // One receiver reports both heights, the other only one: a missing height must not count as zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
         p.linked.autopilot.answer = Some(CommandResult::Denied);
         p.linked.autopilot.no_origin = true;
@@ -335,9 +335,9 @@ fn odometry_about_the_autopilots_origin() {
         p.mission = State::Hold;
         p.run(3.0);
         assert!(p.sent_since(p.t_s - 1.0) >= 50);
-        // The drone holds its position, and does not fly kilometres.
+        // The drone must hold its position and not fly kilometres.
         assert!((p.truth().position.0 - before).norm() < 0.1);
-        // The estimator restarts elsewhere: for other nodes the origin jumps.
+        // The estimator restarts at another position: for the other nodes the origin jumps.
         let frames = p.frames();
         p.linked.autopilot.origin.latitude_deg += 1e-4;
         p.run(6.0);

@@ -47,7 +47,7 @@ fn unsuitable_parameters_until_set() {
             "{:?}",
             p.texts
         );
-        // Control authority remains: a descent in progress continues.
+        // Control authority remains, so a descent in progress continues.
         p.give_the_mode();
         p.run(1.0);
         p.assert_commanding();

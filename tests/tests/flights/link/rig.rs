@@ -1,5 +1,5 @@
-//! The link's node and the simulated autopilot on one clock, above a deck at rest, with inputs of pilot,
-//! mission and predictor.
+//! The link's node and the simulated autopilot on a common clock, above a deck at rest, with inputs from
+//! pilot, mission and predictor.
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
@@ -28,7 +28,7 @@ use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
 const BOOT: u32 = 7;
-/// A period has several steps of the autopilot.
+/// Step of the autopilot; a period of the link contains several.
 pub const STEP: Span = Span::from_millis(5);
 const TURNS: u32 = 2;
 
@@ -37,7 +37,6 @@ pub fn hover() -> f64 {
     g.mass_kg * GRAVITY / g.max_thrust_n
 }
 
-/// No noise, and no errors of mass and thrust.
 fn quiet(firmware: Firmware) -> DroneConfig {
     let mut c = DroneConfig::default();
     (c.airframe.mass_error, c.airframe.thrust_error) = (0.0, 0.0);
@@ -53,7 +52,7 @@ pub struct LinkRig {
     pub linked: LinkedAutopilot,
     /// The link; None: its process is dead.
     pub link: Option<AutopilotLink>,
-    /// Stored by the supervisor.
+    /// Checkpoint stored by the supervisor.
     pub kept: LinkCheckpoint,
     make: Box<dyn Fn(u32) -> AutopilotLink>,
     boot: u32,
@@ -62,59 +61,54 @@ pub struct LinkRig {
     pub on_deck: bool,
     pub pilot: Option<PilotControl>,
     pub mission: State,
-    /// Entry of that state.
     since: Time<DroneClock>,
     published: State,
-    /// The mission publishes nothing.
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
-    /// Charge that the mission uses.
+    /// Charge according to the mission, 0 to 1.
     pub counted: Option<f64>,
-    /// The newest abort that the mission received.
+    /// Newest abort that the mission received.
     pub abort: Option<[u32; 2]>,
-    /// The newest other order, reported while the mission waits for the drone to fly.
+    /// Newest order other than an abort, reported while the mission waits for the drone to fly.
     order: Option<[u32; 2]>,
-    /// The forecast has a deck.
+    /// The forecast contains a deck.
     pub forecast: bool,
     pub states: Vec<AutopilotState>,
     pub odometry: Vec<(f64, DroneState)>,
     pub ranges: Vec<RangeSample>,
     pub texts: Vec<String>,
-    /// Set-points from the link, with times.
+    /// Set-points from the link, with their times, s.
     pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
-    /// The mission waits for the drone to fly.
     pub waits_for_flight: bool,
     /// The drone must turn back to the vessel.
     pub turns_back: bool,
-    /// Texts for a ground station, with severity.
+    /// Texts for a ground station, with their severity.
     pub notes: Vec<(u8, String)>,
-    /// Named values: time, name, value.
+    /// Named values: time, s; name; value.
     pub values: Vec<(f64, String, f64)>,
-    /// Companion computer: time, address, heartbeat.
+    /// Heartbeats of the companion computer: time, s; address; heartbeat.
     pub heartbeats: Vec<(f64, Address, Heartbeat)>,
     pub orders: Vec<Command>,
     pub answers: Vec<(u16, CommandResult)>,
     pub answered: Vec<Address>,
-    /// Parameters of the companion computer.
     pub parameters: Vec<(String, f32)>,
     /// Mission settings from ground stations.
     pub settings: Vec<SettingsOrder>,
     pub mission_settings: MissionSettings,
     pub settable: bool,
-    /// Number of messages about the deck.
+    /// Number of messages that describe the deck.
     pub deck_messages: usize,
     /// Deck centre relative to the point below the drone, north and east, m.
     pub deck_offset: [f64; 2],
     pub targets: Vec<LandingTarget>,
-    /// Targets for a target estimator.
+    /// Targets for the autopilot's target estimator.
     pub relative: Vec<TargetRelative>,
     pub absolute: Vec<TargetAbsolute>,
     sequence: u32,
     newest: Option<DroneState>,
 }
 
-/// Holds the present position.
 pub fn hold(d: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Trajectory,
@@ -123,7 +117,7 @@ pub fn hold(d: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// Leads north at 1 m/s, as in tracking.
+/// Leads north at 1 m/s, as when tracking.
 pub fn lead(d: &DroneState) -> SetPoint {
     SetPoint {
         velocity: [1.0, 0.0, 0.0],
@@ -131,7 +125,7 @@ pub fn lead(d: &DroneState) -> SetPoint {
         ..hold(d)
     }
 }
-/// Presses down by attitude and thrust.
+/// Presses the drone down by attitude and thrust.
 pub fn press(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
@@ -139,7 +133,6 @@ pub fn press(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// Reports a touchdown.
 pub fn stop(d: &DroneState) -> SetPoint {
     SetPoint {
         motors: Motors::Stop,
@@ -216,13 +209,13 @@ impl LinkRig {
             newest: None,
         }
     }
-    /// Ready, in our mode, commanding the drone.
+    /// Rig that is ready, in OFFBOARD (GUIDED), and commanding the drone.
     pub fn commanding(firmware: Firmware, height_m: f64, config: &AutopilotLinkConfig) -> LinkRig {
         let mut p = LinkRig::new(firmware, height_m, config);
         p.take_command();
         p
     }
-    /// The pilot selects our mode once the link is ready.
+    /// As pilot, selects OFFBOARD (GUIDED) once the link is ready.
     pub fn take_command(&mut self) {
         self.run(5.0);
         self.give_the_mode();
@@ -230,19 +223,18 @@ impl LinkRig {
         self.assert_commanding();
     }
 
-    /// Kills the link's process, and restarts it after `away_s`.
     pub fn restart_link(&mut self, away_s: f64) {
         self.link = None;
         self.run(away_s);
         self.boot += 1;
         self.link = Some((self.make)(self.boot));
     }
-    /// The pilot selects the mode that takes set-points.
+    /// As pilot, selects the mode that accepts set-points.
     pub fn give_the_mode(&mut self) {
         let accepted = self.choose(AutopilotMode::Offboard);
         assert!(accepted, "the mode was denied: {}", self.authority());
     }
-    /// The pilot selects a mode; true if it was entered.
+    /// As pilot, selects a mode; returns true if it was entered.
     pub fn choose(&mut self, mode: AutopilotMode) -> bool {
         let a = &mut self.linked.autopilot;
         a.choose(mode_number(a.firmware(), mode))
@@ -266,7 +258,7 @@ impl LinkRig {
     pub fn silent_since(&self) -> f64 {
         self.sent.last().expect("set-points").0
     }
-    /// Number of odometry frame resets.
+    /// Number of resets of the odometry frame.
     pub fn frames(&self) -> u8 {
         self.odometry.last().map_or(0, |(_, o)| o.frames)
     }
@@ -352,7 +344,7 @@ impl LinkRig {
     }
 
     fn deck(&self, header: Header<DroneClock>) -> DeckForecast {
-        // Approximately below the drone, wherever it is.
+        // Position below the drone, wherever it is.
         let [x, y, _] = self.newest.map_or([0.0; 3], |d| d.position);
         let [north, east] = self.deck_offset;
         DeckForecast {
@@ -417,7 +409,7 @@ impl LinkRig {
         let truth = self.drone.plant_state(Time::from_secs(self.t_s));
         self.linked.autopilot.step(&truth, core::slice::from_ref(m));
     }
-    /// Message of another participant on the wire.
+    /// Injects a message from another participant on the wire.
     pub fn inject(&mut self, from: Address, m: &MavlinkMessage) {
         self.linked.up.send(Time::from_secs(self.t_s), from, m);
     }

@@ -1,4 +1,4 @@
-//! One kind of report stops.
+//! Loss of one kind of report.
 
 use alight_shared::msg::LandedState;
 use alight_uav::autopilot::message::id;
@@ -7,7 +7,7 @@ use alight_uav::autopilot::modes::Firmware;
 use super::rig::LinkRig;
 use super::{BOTH, config};
 
-/// At 57 % the charge becomes unknown, and the operator is informed.
+/// The charge becomes unknown at 57 %, and the operator is informed.
 #[test]
 fn battery_report_that_stops() {
     for firmware in BOTH {
@@ -31,7 +31,7 @@ fn battery_report_that_stops() {
     }
 }
 
-/// It stops on the ground: in the air, the landed state is unknown.
+/// The report stops on the ground; the landed state is then unknown in the air.
 #[test]
 fn landed_report_that_stops() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());

@@ -17,7 +17,6 @@ pub(super) fn set(component: u8, name: &str, value: f32) -> MavlinkMessage {
     }
 }
 
-/// A link that has found a disarmed drone.
 fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);
@@ -39,7 +38,7 @@ fn parameters_of_the_companion() {
         ]
         .map(|(name, value)| (name.to_owned(), value))
         .into();
-        // To this component, and to all.
+        // Addressed to this component, and to all components.
         for to in [own, Address::new(VEHICLE, 0)] {
             p.inject(STATION, &MavlinkMessage::ParameterList { to });
             p.run(0.1);
@@ -57,7 +56,7 @@ fn parameters_of_the_companion() {
         let twice = [expected[3].clone(), expected[3].clone()];
         assert_eq!(core::mem::take(&mut p.parameters), twice, "{firmware:?}");
 
-        // Answered once the mission reports it.
+        // Answered once the mission reports the new value.
         p.inject(STATION, &set(191, "ALIGHT_MODE", 1.0));
         p.run(0.05);
         assert!(p.parameters.is_empty());
@@ -85,7 +84,7 @@ fn parameters_that_stay() {
             (p.notes.iter().any(|(_, t)| *t == text), known.len())
         };
         assert_eq!(rejected(&mut p, 191, 500.0, "500 not in 2 to 200"), (true, 1));
-        // Requests to another component, and to all, get no answer.
+        // Requests to another component, and to all components, get no answer.
         assert_eq!(rejected(&mut p, 1, 12.0, ""), (false, 0));
         assert_eq!(rejected(&mut p, 0, 12.0, ""), (false, 0));
         p.settable = false;

@@ -8,7 +8,6 @@ use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use super::rig::{LinkRig, STEP, hover};
 use super::{BOTH, config};
 
-/// Keeps the drone on the deck.
 fn stand(_: &DroneState) -> SetPoint {
     SetPoint {
         kind: SetPointKind::Attitude,
@@ -16,7 +15,6 @@ fn stand(_: &DroneState) -> SetPoint {
         ..SetPoint::default()
     }
 }
-/// A disarmed drone on the deck, with a link to it.
 fn standing(firmware: Firmware) -> LinkRig {
     let mut p = LinkRig::new(firmware, 0.3, &config());
     p.linked.autopilot.arm(false);
@@ -30,7 +28,7 @@ fn standing(firmware: Firmware) -> LinkRig {
 fn mode_and_arming_of_a_take_off() {
     for firmware in BOTH {
         let mut p = standing(firmware);
-        // Nothing is commanded before the countdown ends.
+        // The link commands nothing before the countdown ends.
         let commands = [command::SET_MODE, command::ARM_DISARM];
         assert!(
             commands.iter().all(|c| p.commands_of(*c).is_empty()),
@@ -48,7 +46,7 @@ fn mode_and_arming_of_a_take_off() {
             p.commands_of(command::ARM_DISARM)[0].parameters[1] == 0.0,
             "not by force"
         );
-        // Disarmed after the stop, and not armed again.
+        // The drone is disarmed after the stop, and not armed again.
         p.mission = State::StandDown;
         p.run(2.0);
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
@@ -78,7 +76,7 @@ fn autopilot_that_does_not_arm() {
     }
 }
 
-/// Rotors start before a heartbeat reports it, which may have caused the stop.
+/// The rotors start before a heartbeat reports it; the stop may come in between.
 #[test]
 fn take_off_stopped_as_the_autopilot_arms() {
     for firmware in BOTH {
@@ -100,7 +98,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
     }
 }
 
-/// The link does not guess which autopilot is the drone's.
+/// The link does not guess which of the autopilots belongs to the drone.
 #[test]
 fn take_off_with_two_autopilots_on_the_link() {
     let mut p = standing(Firmware::Px4);
@@ -120,7 +118,7 @@ fn take_off_with_two_autopilots_on_the_link() {
     assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
 
-/// A pilot who selects a mode has manual control: the link neither takes it back nor disarms.
+/// A pilot who selects a mode takes manual control: the link neither takes it back nor disarms.
 #[test]
 fn person_who_takes_the_drone_over_while_it_spins_up() {
     for firmware in BOTH {
@@ -140,8 +138,8 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
     }
 }
 
-/// After set-points stopped, the autopilot lifted the drone. Set-points that would let it fall are not
-/// forwarded, and it is not disarmed.
+/// After set-points stopped, the autopilot made the drone climb. Set-points that would let the drone fall are
+/// not forwarded, and it is not disarmed.
 #[test]
 fn set_points_that_come_back_in_the_air() {
     for firmware in BOTH {
@@ -158,8 +156,8 @@ fn set_points_that_come_back_in_the_air() {
     }
 }
 
-/// The link ends the autopilot's mission once per flight, for a drone that must turn back; a pilot who
-/// selects the mission again keeps it.
+/// The link ends the autopilot's mission once per flight if the drone must turn back; a pilot who selects the
+/// mission again keeps it.
 #[test]
 fn mission_chosen_again_after_the_turn_back() {
     for firmware in BOTH {
@@ -178,7 +176,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
-        // A restarted link does not end it either.
+        // A restarted link does not end it, either.
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
@@ -186,7 +184,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// Neither a restarted link nor one after a disarm repeats an arming that the pilot may have ended.
+/// A link that was restarted, or that follows a disarm, does not repeat an arming that the pilot may have ended.
 #[test]
 fn arming_that_a_pilot_may_have_ended() {
     for firmware in BOTH {

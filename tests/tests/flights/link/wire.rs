@@ -1,4 +1,4 @@
-//! Ground station messages through encoder and decoder.
+//! Messages of a ground station through encoder and decoder.
 
 use super::ground::{STATION, VEHICLE, order};
 use super::station_parameters::set;
@@ -9,7 +9,6 @@ use alight_uav::autopilot::message::{
 };
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
-/// All kinds that a ground station sends or receives.
 fn messages() -> Vec<MavlinkMessage> {
     let target = |frame| {
         MavlinkMessage::LandingTarget(LandingTarget {
@@ -93,7 +92,7 @@ fn message_values_over_the_wire() {
         );
         assert_eq!(decoder.next_frame().map(|f| f.message), Some(message));
     }
-    // Names of named values have up to ten characters.
+    // Named values have names of up to ten characters.
     assert!(
         [DISTANCE, AGE, WIND[0], WIND[1]]
             .iter()

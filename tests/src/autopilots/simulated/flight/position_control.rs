@@ -1,5 +1,3 @@
-//! Position control of the simulated autopilot.
-
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -10,7 +8,7 @@ use crate::autopilots::simulated::reference::PositionReference;
 
 impl SimulatedFlight {
     /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust vector,
-    /// attitude. Drone's NED, SI.
+    /// attitude. Drone's NED frame, SI units.
     pub(super) fn follow(&mut self, track: &PositionReference, e: &Estimate, dt: f64) -> AttitudeSetPoint {
         let c = &self.config;
         let gains = Vector3::new(c.position_gain_hz, c.position_gain_hz, c.height_gain_hz);
@@ -29,7 +27,7 @@ impl SimulatedFlight {
         let wanted =
             track.acceleration + Vector3::new(pid(p, d, 0), pid(p, d, 1), pid(pz, dz, 2)) + self.integral;
 
-        // Thrust along the body's up axis: (g - a_z) against gravity, a_xy horizontally.
+        // Thrust along the body's up axis: (g - a_z) vertically, a_xy horizontally.
         let lift = (GRAVITY - wanted.z).max(0.05 * GRAVITY);
         let vertical = if c.decouple_vertical { GRAVITY } else { lift };
         let max_sideways = vertical * c.max_tilt_deg.to_radians().tan();
@@ -61,7 +59,7 @@ impl SimulatedFlight {
     }
 }
 
-/// Rotation NED from body with the body's down axis along `down` and the heading `yaw` (PX4's
+/// Rotation NED from body that points the body's down axis along `down` with the heading `yaw` (PX4's
 /// `bodyzToAttitude`).
 fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);

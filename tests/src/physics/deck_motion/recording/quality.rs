@@ -1,10 +1,10 @@
 //! Quality of a recording's channels (resolution, noise, held values, clipped peaks), and smoothing to the
-//! remaining bandwidth.
+//! bandwidth that this quality permits.
 //!
-//! Two derivatives turn an error `e` of a sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm
-//! at 100 Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within
-//! half a window to either side (Savitzky and Golay 1964, at any spacing); its bandwidth is 1.25 over the
-//! window (Schafer 2011, order 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
+//! Differentiating twice turns an error `e` of a sample at the interval `dt` into `e / dt²`: heave in steps of 1 cm at
+//! 100 Hz yields tens of m/s² of spurious acceleration. The smoother fits a cubic to the samples within half a window
+//! on either side (Savitzky and Golay 1964, for any spacing); its bandwidth is 1.25 divided by the window (Schafer
+//! 2011, order 3). The window is the shortest that keeps [`ACCELERATION_LIMIT`].
 
 use alight_shared::estimation::median;
 
@@ -15,8 +15,8 @@ const ACCELERATION_LIMIT: f64 = 0.5;
 /// Product of a window's bandwidth and length, Hz s.
 const BANDWIDTH: f64 = 1.25;
 const MAX_WINDOW_S: f64 = 1.5;
-/// Level ratio between successive orders of differences above which noise counts as white. Sampled motion has
-/// a ratio of 0.5 or less.
+/// Ratio of the levels of successive orders of differences above which the noise counts as white. Sampled motion has a
+/// ratio of 0.5 or less.
 const WHITE: f64 = 0.85;
 
 pub(super) struct Knots<'a> {
@@ -24,11 +24,10 @@ pub(super) struct Knots<'a> {
     pub(super) y: &'a mut [[f64; CHANNELS]],
     /// Typical time between rows, s.
     pub(super) step: f64,
-    /// Maximum time between rows, s; more is a gap.
+    /// Maximum time between rows, s; a longer interval is a gap.
     pub(super) longest: f64,
 }
 
-/// Smooths channels that need it; returns remarks.
 pub(super) fn smooth(mut knots: Knots<'_>, has: &[bool; CHANNELS]) -> Vec<String> {
     let channels = (0..CHANNELS).filter(|c| has[*c]);
     channels.filter_map(|c| smooth_channel(&mut knots, c)).collect()
@@ -46,7 +45,7 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     if places > 0 {
         let limits: Vec<String> = limits.iter().map(|l| format!("{:.3}", l * factor)).collect();
         notes.push(format!(
-            "clipped at {} {unit} in {places} places, peaks are extrapolated from their flanks",
+            "clipped at {} {unit} in {places} places; peaks are extrapolated from their flanks",
             limits.join(" and ")
         ));
     }
@@ -85,19 +84,20 @@ fn smooth_channel(knots: &mut Knots<'_>, c: usize) -> Option<String> {
     Some(text)
 }
 
-/// Shortest window for the permitted error of the second derivative, s. White noise `sd` at the interval `dt`
-/// causes `sd sqrt(720 dt / W^5)`; steps of `size`, whose error lasts, cause at most `12 size / W²`.
+/// Shortest window that keeps the limit of the second derivative's error, s. White noise `sd` at the interval
+/// `dt` causes an error of `sd sqrt(720 dt / W^5)`; resolution steps of `size`, whose errors persist, cause
+/// at most `12 size / W²`.
 fn needed(sd: f64, dt: f64, size: f64) -> f64 {
     let white = (720.0 * dt * (sd / ACCELERATION_LIMIT).powi(2)).powf(0.2);
     white.max((12.0 * size / ACCELERATION_LIMIT).sqrt())
 }
 
 struct Steps {
-    /// Divisor of all changes; 0 without one.
+    /// Common divisor of all changes; 0 if there is none.
     size: f64,
     /// Median change; 0 without changes.
     typical: f64,
-    /// Fraction of rows that differ from the row before.
+    /// Fraction of rows that differ from the previous row.
     changed: f64,
 }
 
@@ -133,8 +133,8 @@ impl Steps {
     }
 }
 
-/// Standard deviation of white noise on a slow motion, by `sd(D^k) = sigma sqrt(binomial(2k, k))`; None if
-/// the motion itself dominates the differences.
+/// Standard deviation of white noise superimposed on slow motion, from `sd(D^k) = sigma sqrt(binomial(2k,
+/// k))`; None if the motion dominates the differences.
 fn white_noise(values: &[f64]) -> Option<f64> {
     let mut differences = values.to_vec();
     let mut levels = Vec::new();
@@ -213,7 +213,7 @@ fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
     runs
 }
 
-/// Cubic fits about each row within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
+/// Cubic fits around each row within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
 fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
     let (t, half) = (knots.t, 0.6 * window);
     let mut from = 0;
@@ -234,7 +234,7 @@ fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
                 normal += row * row.transpose() * weight;
                 right += row * (weight * (values[j] - values[i]));
             }
-            // With fewer than four samples in the window, as next to a gap, a row is not smoothed.
+            // A row is not smoothed if the window has fewer than four samples, as next to a gap.
             let fit = normal.cholesky().map_or(0.0, |l| l.solve(&right)[0]);
             values[i] + fit
         })
@@ -246,7 +246,6 @@ mod tests {
     use crate::physics::deck_motion::recording::{HEAVE, Recording};
     use crate::physics::streams::Streams;
 
-    /// A recording of roll, pitch and heave; `f` writes the heave.
     fn heave(hz: f64, seconds: f64, mut f: impl FnMut(f64) -> f64) -> Recording {
         let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m\n");
         for k in 0..(hz * seconds) as u32 {
@@ -263,7 +262,7 @@ mod tests {
     fn swell(t: f64) -> f64 {
         0.7 * (1.05 * t).sin() + 0.3 * (1.7 * t + 1.0).sin()
     }
-    /// Maximum errors of heave, and of its slope over three rows, relative to the swell.
+    /// Maximum error of the heave, and of its slope over three rows, relative to the swell.
     fn errors(r: &Recording) -> [f64; 2] {
         let mut worst = [0.0_f64; 2];
         for k in 200..r.t.len() - 200 {
@@ -285,7 +284,7 @@ mod tests {
             r.remarks
         );
         let [e, v] = errors(&r);
-        // Without smoothing: 5 mm and 0.5 m/s.
+        // The errors without smoothing are 5 mm and 0.5 m/s.
         assert!(e < 0.005 && v < 0.05, "{e} {v}");
     }
 

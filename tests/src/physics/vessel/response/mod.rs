@@ -1,14 +1,13 @@
-//! Linear seakeeping by a response table, instead of [`crate::physics::vessel::Vessel`].
+//! Linear seakeeping from a response table, instead of [`crate::physics::vessel::Vessel`].
 //!
 //! Motion about the mean path (amidships at the still-water line, with the mean heading): `xi_d(t) = sum_j
-//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, where
-//! `theta_j` is the phase of wave component j at the mean position (St. Denis and Pierson 1953; Fossen 2011,
-//! section 8.2.5). Under way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U
-//! cos(beta)`, of either sign. The table is valid at zero speed, and evaluated at the wave's own frequency,
-//! so that length and slope are correct.
+//! Re(H_d(omega_j, beta_j) a_j exp(i theta_j))`, `theta_j = k_j . x_mean(t) - omega_j t + phase_j`, where `theta_j` is
+//! the phase of wave component j at the mean position (St. Denis and Pierson 1953; Fossen 2011, section 8.2.5). Under
+//! way the derivative of `theta_j` is minus the frequency of encounter, `omega - k U cos(beta)`, of either sign. The
+//! table is for zero speed and is evaluated at the wave's own frequency, which keeps wavelength and slope correct.
 //!
-//! Surge and sway refer to the mean heading; trim, roll, pitch and yaw add as Euler angles. Only here are the
-//! axes x forward, y to port, z up; the state is in NED and forward, right, down.
+//! Surge and sway are relative to the mean heading; trim, roll, pitch and yaw are added as Euler angles. In this module
+//! the axes are x forward, y to port, z up; the resulting state is in NED and forward, right, down.
 
 pub mod places;
 pub mod table;
@@ -32,8 +31,8 @@ use crate::physics::sea::{Sea, SeaComponent, sin_cos};
 use crate::physics::spline::Jet;
 use crate::physics::streams::Streams;
 
-/// Built-in hulls: name, table, places. Computed by linear potential flow (panel method); 6 to 12 % of
-/// critical roll damping was added for viscosity.
+/// Built-in hulls: name, table, places. Computed by linear potential flow (panel method), with 6 to 12 % of
+/// critical roll damping added for viscosity.
 const SUPPLIED: [(&str, &str, &str); 3] = [
     (
         "twin-5m",
@@ -54,7 +53,7 @@ const SUPPLIED: [(&str, &str, &str); 3] = [
 
 pub const HULLS: [&str; 3] = [SUPPLIED[0].0, SUPPLIED[1].0, SUPPLIED[2].0];
 
-/// Step of the numerical derivatives in a turn: the world's tick, at which two of three poses are known.
+/// Step of the numerical derivatives in a turn: the world's tick, so that two of the three poses are already known.
 const TURN_STEP: Span = Span::from_millis(10);
 
 #[derive(Debug, Error)]
@@ -76,7 +75,7 @@ pub enum HullError {
 }
 
 config! {
-    /// A vessel moved by a response table; `vessel` has its course, speed and heading.
+    /// Vessel moved by a response table; `vessel` has its course, speed and heading.
     pub struct HullConfig {
         /// Built-in hull twin-5m, mono-5m or work-12m, or the path of a response table (CSV).
         pub table: String = String::new();
@@ -97,7 +96,6 @@ config! {
     }
 }
 
-/// A response table, and the places of equipment on the hull.
 #[derive(Clone, Debug)]
 pub struct HullFiles {
     pub table: ResponseTable,
@@ -105,7 +103,7 @@ pub struct HullFiles {
 }
 
 impl HullFiles {
-    /// A built-in hull, or a table with the .toml next to it.
+    /// Loads a built-in hull, or a table with the .toml file next to it.
     pub fn load(name: &str) -> Result<HullFiles, HullError> {
         if let Some((name, table, places)) = SUPPLIED.iter().find(|s| s.0 == name) {
             return Ok(HullFiles {
@@ -138,21 +136,21 @@ struct Wave {
     k: Vector2<f64>,
     /// Phase at the origin at time zero, rad.
     phase: f64,
-    /// Direction towards which the wave runs, clockwise from north, rad.
+    /// Direction in which the wave travels, clockwise from north, rad.
     towards: f64,
     responses: ResponseAtFrequency,
 }
 
-/// Pose about the mean path (surge, sway, heave, roll, pitch, yaw in NED and FRD).
+/// Pose relative to the mean path (surge, sway, heave, roll, pitch, yaw in NED and FRD).
 type Motion = [Jet; DOFS];
 
 #[derive(Clone)]
 pub struct ResponseVessel {
     waves: Vec<Wave>,
     path: MeanPath,
-    /// Roll and pitch, rad.
+    /// Roll and pitch at rest, rad.
     trim: [f64; 2],
-    /// Mean heading, rad, and amplitude times response of each wave.
+    /// Mean heading, rad, and the product of amplitude and response of each wave.
     straight: (f64, Vec<Response>),
     /// Poses during a turn, oldest first.
     turning: [(Time<TrueTime>, Motion); 3],
@@ -160,7 +158,7 @@ pub struct ResponseVessel {
 }
 
 impl ResponseVessel {
-    /// The vessel of `hull` at the origin at time zero; `vessel/heading` draws its heading unless configured.
+    /// Vessel of `hull` at the origin at time zero; the stream `vessel/heading` draws its heading unless configured.
     pub fn new(
         hull: &HullFiles,
         config: &HullConfig,
@@ -197,7 +195,6 @@ impl ResponseVessel {
     pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    /// Starts the turn or speed change of the course a random time after `t`.
     pub fn ask_change(&mut self, t: Time<TrueTime>) {
         self.path.ask_change(t.secs());
     }
@@ -205,10 +202,10 @@ impl ResponseVessel {
         self.state
     }
 
-    /// Amplitude times response of every wave at a mean heading, rad.
+    /// Product of amplitude and response of every wave at a mean heading, rad.
     fn responses(&self, heading: f64) -> impl Iterator<Item = Response> + '_ {
         self.waves.iter().map(move |w| {
-            // Compass angles are clockwise, the table's counter-clockwise.
+            // Compass angles are clockwise, those of the table counter-clockwise.
             let r = w.responses.towards(heading - w.towards);
             Response {
                 re: r.re.map(|v| w.amplitude * v),
@@ -253,15 +250,15 @@ impl ResponseVessel {
         }
     }
 
-    /// Pose during a turn; its derivatives are not valid.
+    /// Pose during a turn; its derivatives are invalid.
     fn turning_pose(&self, t: Time<TrueTime>) -> Motion {
         let there = self.path.at(t.secs());
         let responses: Vec<Response> = self.responses(there.heading).collect();
         pose(&there, &self.motion(t.secs(), &responses))
     }
 
-    /// Motion about the mean path at `t` (s), forward, right, down, roll, pitch, yaw; derivatives at a
-    /// constant mean heading.
+    /// Motion relative to the mean path at `t` (s): forward, right, down, roll, pitch, yaw; the derivatives
+    /// assume a constant mean heading.
     fn motion(&self, t: f64, responses: &[Response]) -> Motion {
         let here = self.path.at(t);
         let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
@@ -286,8 +283,8 @@ impl ResponseVessel {
     }
 }
 
-/// North, east, down, roll, pitch, yaw, from the mean path and the motion about it; derivatives at a constant
-/// mean heading.
+/// North, east, down, roll, pitch, yaw, from the mean path and the motion relative to it; the derivatives
+/// assume a constant mean heading.
 fn pose(mean: &PathPoint, m: &Motion) -> Motion {
     let (s, c) = mean.heading.sin_cos();
     let mut out = *m;

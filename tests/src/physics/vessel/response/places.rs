@@ -1,4 +1,4 @@
-//! Deck, sensors and trim as an installer measures them, in a TOML file next to the response table.
+//! Deck, sensors and trim as measured by an installer, in a TOML file next to the response table.
 
 use alight_shared::config;
 use alight_shared::geometry::DeckGeometry;
@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::HullError;
 
-/// Place relative to amidships at the still-water line, along the vessel's axes.
+/// Position relative to amidships at the still-water line, along the vessel's axes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HullPlace {
@@ -15,7 +15,7 @@ pub struct HullPlace {
     pub forward_m: f64,
     /// Position to starboard, m.
     pub right_m: f64,
-    /// Above the water line, m.
+    /// Height above the water line, m.
     pub above_water_m: f64,
 }
 
@@ -29,11 +29,11 @@ impl HullPlace {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DeckPlace {
-    /// Deck's centre, forward of amidships, m; negative aft.
+    /// Position of the deck's centre forward of amidships, m; negative aft.
     pub forward_m: f64,
-    /// Deck's centre, to starboard, m.
+    /// Position of the deck's centre to starboard, m.
     pub right_m: f64,
-    /// Deck's centre, above the water line, m.
+    /// Height of the deck's centre above the water line, m.
     pub above_water_m: f64,
     pub length_m: f64,
     pub width_m: f64,
@@ -59,7 +59,6 @@ pub struct Places {
 }
 
 impl Places {
-    /// `origin` names the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let wrong = |message: String| HullError::Places {
             origin: origin.into(),
@@ -88,7 +87,7 @@ impl Places {
         }
         Ok(places)
     }
-    /// Deck for nodes and world, with the hull's suggested tag layout, or that of `base`.
+    /// Deck for nodes and world, with the hull's suggested tag layout, or else that of `base`.
     pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
         let deck = &self.deck;
         DeckGeometry {

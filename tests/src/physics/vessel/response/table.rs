@@ -1,8 +1,8 @@
-//! Response table of a hull to waves: complex motion per metre of wave amplitude, by frequency and direction.
+//! Response of a hull to waves as a table: complex motion per metre of wave amplitude, by frequency and direction.
 //!
 //! Axes of the file: x forward, y to port, z up. The motion amidships at the still-water line is `Re(H a
-//! exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. A direction is that towards which the
-//! wave runs relative to the bow, counter-clockwise from above: 0 following, 90 from starboard to port, 180
+//! exp(-i (omega t + phase)))` in the wave `a cos(omega t + phase)`. A direction is that in which the wave
+//! travels relative to the bow, counter-clockwise from above: 0 following sea, 90 from starboard to port, 180
 //! head sea. Waves to the other side are the mirror image: sway, roll and yaw change sign.
 
 use core::f64::consts::PI;
@@ -27,9 +27,9 @@ pub const COLUMNS: [&str; 14] = [
     "yaw_re",
     "yaw_im",
 ];
-/// Sign of each degree of freedom in the mirror image.
+/// Sign of each degree of freedom after mirroring.
 const MIRRORED: [f64; DOFS] = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
-/// Largest plausible response, m/m or rad/m; larger values have a wrong unit (deg for rad).
+/// Largest plausible response, m/m or rad/m; a larger value indicates a wrong unit (deg for rad).
 const MAX_RESPONSE: f64 = 20.0;
 const MAX_ROWS: usize = 200_000;
 
@@ -68,7 +68,6 @@ pub struct ResponseTable {
 }
 
 impl ResponseTable {
-    /// `origin` names the text in errors.
     pub fn parse(text: &str, origin: &str) -> Result<Self, HullError> {
         let at = |line: usize, message: String| HullError::Row {
             origin: origin.into(),
@@ -88,7 +87,7 @@ impl ResponseTable {
             } else {
                 ""
             };
-            let message = format!("the columns have to be {}{hint}", COLUMNS.join(","));
+            let message = format!("the columns must be {}{hint}", COLUMNS.join(","));
             return Err(at(first, message));
         }
         let mut table = ResponseTable {
@@ -96,7 +95,7 @@ impl ResponseTable {
             direction: Vec::new(),
             responses: Vec::new(),
         };
-        // Position of the next row in the grid.
+        // Position of the next row in the grid of directions and frequencies.
         let (mut column, mut last) = (0, first);
         for (line, row) in rows {
             last = line;
@@ -125,7 +124,7 @@ impl ResponseTable {
                     column = 0;
                 }
                 Some(now) => {
-                    let message = format!("omega_radps {omega} follows {now}: it has to ascend");
+                    let message = format!("omega_radps {omega} follows {now}, but must ascend");
                     return Err(at(line, message));
                 }
                 None if omega > 0.0 => table.omega.push(omega),
@@ -143,13 +142,14 @@ impl ResponseTable {
         if table.omega.len() < 2 || column != table.direction.len() {
             return Err(at(
                 last,
-                "the table ends early: two frequencies or more with all directions each are needed".into(),
+                "the table ends early: it needs two or more frequencies, each with all directions".into(),
             ));
         }
         Ok(table)
     }
 
-    /// Reads a row's direction, deg. The first frequency's must ascend; the others' repeat them.
+    /// Reads a row's direction, deg. The first frequency's directions must ascend; those of the others must
+    /// be the same.
     fn take_direction(&mut self, column: usize, direction: f64) -> Result<(), String> {
         if self.omega.len() == 1 {
             if self
@@ -174,7 +174,7 @@ impl ResponseTable {
             return Ok(());
         }
         Err(format!(
-            "the frequency above has {} directions; they have to reach from 0 to 180 deg, three or more",
+            "the frequency above has {} directions; three or more are needed, from 0 to 180 deg",
             self.direction.len()
         ))
     }
@@ -184,7 +184,7 @@ impl ResponseTable {
         [value(self.omega.first()), value(self.omega.last())]
     }
 
-    /// Responses in all directions: linear between frequencies, constant beyond the ends.
+    /// Responses in all directions, interpolated linearly between frequencies and constant beyond the ends.
     pub fn at_frequency(&self, omega: f64) -> ResponseAtFrequency {
         let [low, high] = self.range();
         let omega = omega.clamp(low, high);
@@ -202,7 +202,7 @@ impl ResponseTable {
             ])
         };
         let inner: Vec<(f64, Response)> = (0..n).map(|j| (self.direction[j], node(j))).collect();
-        // One more node beyond either end mirrors its neighbour.
+        // An additional node beyond each end mirrors its neighbour.
         let mut nodes = Vec::with_capacity(n + 2);
         let mirror = |about: f64, (d, r): (f64, Response)| (2.0 * about - d, r.mirrored());
         nodes.push(mirror(0.0, inner[1]));
@@ -212,7 +212,7 @@ impl ResponseTable {
     }
 }
 
-/// Fourteen finite numbers of plausible magnitude.
+/// Parses fourteen finite numbers of plausible magnitude.
 fn numbers(row: &str) -> Result<[f64; 14], String> {
     let mut values = [0.0; 14];
     let mut cells = row.split(',').map(str::trim);
@@ -234,7 +234,7 @@ fn numbers(row: &str) -> Result<[f64; 14], String> {
     }
     match cells.count() {
         0 => Ok(values),
-        more => Err(format!("{more} values too many: 14 are needed")),
+        more => Err(format!("{more} values too many: exactly 14 are needed")),
     }
 }
 
@@ -244,9 +244,9 @@ pub struct ResponseAtFrequency {
 }
 
 impl ResponseAtFrequency {
-    /// Response to a wave towards `direction` relative to the bow (rad, counter-clockwise from above, not
-    /// wrapped): a cubic with slopes from the neighbours (Catmull and Rom 1974), so that a turning vessel has
-    /// a finite acceleration.
+    /// Response to a wave that travels in `direction` relative to the bow (rad, counter-clockwise from above,
+    /// not wrapped). Interpolated by a cubic with slopes from the neighbours (Catmull and Rom 1974), so that
+    /// a turning vessel has a finite acceleration.
     pub fn towards(&self, direction: f64) -> Response {
         let wrapped = alight_shared::frames::wrap_angle(direction);
         let there = wrapped.abs();

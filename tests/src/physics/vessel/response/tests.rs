@@ -18,7 +18,7 @@ fn vessel_of(hull: &str, course: VesselCourse, sea: &Sea, seed: u64) -> Response
     ResponseVessel::new(&files, &HullConfig::default(), &vessel, sea, &Streams::new(seed))
 }
 
-/// One response at all frequencies and directions.
+/// Table with the same response at all frequencies and directions.
 fn flat(response: impl Fn(f64, f64) -> [f64; 12]) -> String {
     let mut text = COLUMNS.join(",") + "\n";
     for omega in [0.5, 1.0, 2.0, 4.0] {
@@ -35,7 +35,7 @@ fn supplied_hulls_in_long_waves() {
     for name in HULLS {
         let hull = HullFiles::load(name).unwrap();
         assert_eq!(hull.table.range(), [0.4, 5.0], "{name}");
-        // In waves much longer than itself, the hull heaves and surges with the water.
+        // In waves much longer than the hull, it heaves and surges with the water.
         for deg in [0.0, 45.0, 90.0, 135.0, 180.0, -45.0, -90.0, 270.0] {
             let r = hull.table.at_frequency(0.4).towards(f64::to_radians(deg));
             assert!(
@@ -134,7 +134,7 @@ fn bad_response_table() {
 
 #[test]
 fn response_in_a_long_wave() {
-    // 300 m long, from astern, abeam and ahead, to either side.
+    // Wave of 300 m length from astern, abeam and ahead, on both sides.
     for towards in [0.0, 0.8, 1.9, 3.1, -0.8, -2.2] {
         let wave = SeaComponent::deep(2.0, 0.453, towards, 0.7);
         let sea = Sea::of_linear_components(vec![wave]);
@@ -144,7 +144,7 @@ fn response_in_a_long_wave() {
             let t = at(0.5 * f64::from(k));
             let state = vessel.state_at(t);
             let p = state.position.0;
-            // Surge and sway shift the position by 2 m of 300.
+            // Surge and sway shift the position by 2 m, a small part of the wavelength.
             let water = sea.surface(t, 0.0, 0.0);
             assert!(
                 (water.elevation_m + p.z).abs() < 0.06,
@@ -175,7 +175,7 @@ fn response_motion_derivatives() {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
         let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
         for k in 0..6000 {
-            // Leg, turn and leg, off the tick grid.
+            // Times in a leg, a turn and a leg, off the tick grid.
             let t = 0.503 + 0.01 * f64::from(k);
             let h = 1e-3;
             let [a, b, c] = [t - h, t, t + h].map(|t| vessel.state_at(at(t)));
@@ -260,7 +260,7 @@ fn square_path_closure_and_speed() {
         let round = 4.0 * side / speed;
         let mut widest = 0.0_f64;
         let mut t = 0.0;
-        // On the first leg; later legs cut the corner at which the first began.
+        // Start on the first leg; later legs cut the corner at which the first began.
         let start = path.at(0.3 * side / speed).position;
         let mut nearest_after = f64::INFINITY;
         while t < 1.2 * round {
@@ -290,7 +290,7 @@ fn sea_heights_and_periods() {
     for seed in 0..3 {
         let sea = Sea::linear(&config, &Streams::new(seed));
         assert!((4.0 * sea.variance().sqrt() - 1.5).abs() < 1e-9);
-        // Elevation of twenty minutes at a position: zero crossings and variance.
+        // Elevation at one position over twenty minutes: zero crossings and variance.
         let z: Vec<f64> = (0..12_000)
             .map(|i| sea.elevation(at(0.1 * f64::from(i)), 3.0, -7.0))
             .collect();
@@ -300,7 +300,7 @@ fn sea_heights_and_periods() {
         // JONSWAP 3.3: T_z = 0.78 Tp (Goda 2000).
         let crossing = 1200.0 / ups as f64;
         assert!((crossing / (0.78 * 6.0) - 1.0).abs() < 0.1, "{crossing}");
-        // Half of JONSWAP's energy is between about 0.85 and 1.25 of the peak.
+        // Half of JONSWAP's energy is between about 0.85 and 1.25 times the peak frequency.
         let peak = TAU / 6.0;
         let near = |c: &&SeaComponent| (0.85..1.25).contains(&(c.frequency / peak));
         let fraction = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
