@@ -61,7 +61,7 @@ pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     ]
 }
 
-/// Condition of a row, states in which it acts, and resulting state by initial state.
+/// Condition of a row, states in which it acts, and resulting state for each initial state.
 type Row = (
     &'static str,
     fn(&mut Situation),
@@ -163,7 +163,7 @@ fn rows_in_every_state() {
             }
         }
     }
-    // The row for the way behind a beacon has a separate test.
+    // The row for the distance led by a beacon has a separate test.
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 

@@ -114,7 +114,7 @@ proptest! {
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();
-                // A drone on the deck with running motors completes its landing after a set-point loss.
+                // A drone on the deck with motors running completes its landing after a set-point loss.
                 let begins = |code| matches!(code, ReasonCode::Restarted | ReasonCode::GivenBack);
                 let stands = |s: &MissionState| begins(s.entered.code) && s.entered.value.abs() < 0.15;
                 followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);

@@ -47,7 +47,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // These values are beyond the limits, or only the file sets them.
+    // These values are out of bounds, or only the configuration file sets them.
     for (t, wrong) in [
         (
             3.0,
@@ -106,7 +106,7 @@ fn settings_while_armed_or_ordered_to_land() {
         ..flying
     };
     assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
-    // The order to land arrives with the settings, then before them.
+    // The order to land arrives together with the settings, then before them.
     let mut m = node();
     let ordered = MissionIn {
         commands: vec![command(header(1, at(1.0)), CommandKind::Land)],
@@ -145,7 +145,7 @@ fn settings_of_a_crashed_mission() {
     assert_eq!(next.config.mode, LandingMode::Match);
 }
 
-/// After an operator's stop and a long crash the drone climbs to the height that was set, not to the file's.
+/// After an operator's stop and a long crash the drone climbs to the height that was set, not to that of the file.
 #[test]
 fn approach_height_of_a_crashed_mission() {
     let mut m = node();
@@ -177,7 +177,7 @@ fn approach_height_of_a_crashed_mission() {
     assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
 }
 
-/// A vessel comes near a drone that hovers low without an order.
+/// A vessel approaches a drone that hovers low without an order.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {
     let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);

@@ -57,12 +57,12 @@ fn slope_measured_a_moment_ago() {
 
 #[test]
 fn drift_by_waves_and_wind_together() {
-    // Waves that move the drone to both sides, and the apparent wind of a vessel at 8 m/s.
+    // Waves that move the drone in both directions, and the apparent wind of a vessel at 8 m/s.
     let mut steep = [22; 60];
     (steep[0], steep[1]) = (5, 5);
     assert!(likely(of(&[0; 48], &steep, 0.0)));
     assert!(!likely(of(&[0; 48], &steep, 2.0)) && likely(of(&[0; 48], &[10; 60], 2.0)));
-    // Trim and heel act like a wind.
+    // Trim and heel act like wind.
     assert!(!likely(of(&[8; 48], &steep, 0.0)));
 }
 
