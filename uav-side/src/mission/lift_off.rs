@@ -1,4 +1,4 @@
-//! Probability that a take-off at a given time leaves the deck safely, by the same forecast as landings.
+//! Probability that a take-off at a given time leaves the deck safely, from the forecast that landings use.
 //!
 //! A foot may touch the deck again, so both limits are those of a contact ([`MAX_MPS`]):
 //!
