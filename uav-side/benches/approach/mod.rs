@@ -120,7 +120,6 @@ impl PlanFollower {
     pub fn header(&self) -> Header<DroneClock> {
         Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
     }
-    /// Moves to the current state of the plan.
     pub fn follow(&mut self) {
         if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(self.now())) {
             self.drone.position = s.position;

@@ -41,9 +41,7 @@ pub enum ControlAuthority {
     Standby {
         mode: AutopilotMode,
     },
-    /// In our mode, disarmed.
     Disarmed,
-    /// The autopilot follows our set-points.
     Commanding,
     TakenOver {
         mode: AutopilotMode,
@@ -113,7 +111,6 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-/// Whether the autopilot flies without set-points in this mode.
 fn flies_itself(mode: AutopilotMode) -> bool {
     match mode {
         AutopilotMode::Return | AutopilotMode::Land => true,

@@ -56,7 +56,6 @@ fn repeated<const N: usize>(
     Some(first).filter(|f| before == value && (now.0 - f.0).secs() >= FROZEN_S)
 }
 
-/// Inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
     at: DroneTime,
@@ -90,7 +89,6 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
-    /// Resumes the predecessor's counts.
     pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
         (self.frames, self.reported_resets) = (frames, reported);
     }
@@ -119,7 +117,6 @@ impl DroneStateAssembler {
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
-    /// Stores a position and velocity for the newest attitude.
     pub(crate) fn position(
         &mut self,
         at: DroneTime,
@@ -274,7 +271,6 @@ pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
 pub(super) struct RangeReadings {
     pub(super) feet_m: f64,
     newest: Option<RangeSample>,
-    /// Whether the rangefinder's readings follow the drone's motion.
     pub(super) witness: RangeWitness,
 }
 

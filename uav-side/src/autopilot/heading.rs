@@ -36,7 +36,6 @@ impl HeadingAlignment {
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
-    /// Checks the autopilot's odometry for jumps of the heading.
     pub(crate) fn watch(&mut self, d: &DroneState) {
         let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
         let jumped = self.last.is_some_and(|(then, before, turned)| {

@@ -67,7 +67,6 @@ pub enum CommandResult {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum VelocityFrame {
-    /// NED frame of the position.
     Ned,
     /// Body frame: forward, right, down.
     Body,

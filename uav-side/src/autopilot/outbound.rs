@@ -194,7 +194,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Reports periodically that the drone is armed on the deck.
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.inputs.fresh_mission(now);

@@ -87,7 +87,6 @@ impl OwnMissionMonitor {
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }
-    /// Updates the mission's state; a disarm ends the flight.
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);

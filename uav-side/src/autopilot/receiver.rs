@@ -160,7 +160,6 @@ mod tests {
         core::iter::from_fn(|| decoder.next_report()).collect()
     }
 
-    /// gnssFixOK and relPosValid, with this carrier solution.
     fn valid(solution: u32) -> u32 {
         0b101 | solution << 3
     }

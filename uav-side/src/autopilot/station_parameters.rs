@@ -75,7 +75,6 @@ impl StationParameter {
             StationParameter::LowestClearance => s.lowest_clearance_m,
         }
     }
-    /// Settings with the new value, or the reason for rejecting it.
     fn changed(self, s: &MissionSettings, value: f64) -> Result<MissionSettings, String> {
         let value = (value * STEPS).round() / STEPS;
         let mut changed = *s;
@@ -251,7 +250,6 @@ impl AutopilotLink {
         let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
         shown && self.operators.parameters.under_way.is_none()
     }
-    /// Settings with this value of `p`, or the reason for rejecting it.
     fn changed_settings(
         &self,
         now: DroneTime,
@@ -352,7 +350,6 @@ mod tests {
         ] {
             assert_eq!(p.changed(&settings, value), Err(expected.into()), "{p:?}");
         }
-        // Single precision rounds the value.
         let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
         assert_eq!(height.approach_height_m, 12.3);
     }

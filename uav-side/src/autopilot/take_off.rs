@@ -66,7 +66,6 @@ impl TakeOffSequence {
             self.next.restart(now, PAUSE + PAUSE);
         }
     }
-    /// Text about a denied arming command of a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;
@@ -103,7 +102,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Updates the verdict during a take-off or after a stopped one.
     pub(super) fn watch_standing(&mut self, now: DroneTime) {
         let Some(peer) = &self.peer else { return };
         let mission = self.inputs.last_state(now);
@@ -198,7 +196,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Disarms a drone that this link armed for a stopped take-off.
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);

@@ -413,7 +413,6 @@ impl DeckCalibration {
         }
         let c = &self.config;
         let feet = Vector3::z() * c.drone.feet_below_m;
-        // Feet in the deck's frame.
         let places: Vec<Vector3<f64>> = self
             .tags
             .iter()

@@ -111,7 +111,6 @@ impl TagDetector {
             counts: TagCounts::default(),
         }
     }
-    /// Minimum decision margin of a detection, grey levels.
     pub fn min_margin(&self) -> f64 {
         self.settings.min_margin
     }

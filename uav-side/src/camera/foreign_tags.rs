@@ -96,7 +96,6 @@ fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     Some(image)
 }
 
-/// Numbers of the tags with sufficient contrast.
 fn detected(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
     let found = detector.detect(image);
     let clear = found

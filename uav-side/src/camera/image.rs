@@ -45,7 +45,6 @@ pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
-    /// Whether a recording contains the pixels instead of their hash.
     is_kept: bool,
 }
 

@@ -94,7 +94,6 @@ pub struct CameraNode {
     newest: Newest,
     /// Newest image that differs from the one before.
     previous: Option<GreyImage>,
-    /// Time and sequence of the light reports.
     reports: Exposures,
 }
 
@@ -183,7 +182,6 @@ impl CameraNode {
         (self.newest.tags, self.newest.pose) = (tags, poses.first().copied());
         poses
     }
-    /// Report of the light in the newest image, when due.
     fn report(&mut self, frame: &CameraFrame, exposed: Option<Exposed>) -> Option<CameraLight> {
         let due = self
             .reports

@@ -21,7 +21,6 @@ pub(crate) enum ContingencyAction {
     Press,
     /// Stand on the deck for a take-off, armed or not: PX4 needs a stream of set-points before it enters OFFBOARD.
     Idle,
-    /// Take off from the deck.
     Jump,
 }
 

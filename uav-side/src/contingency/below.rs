@@ -41,7 +41,6 @@ const KEEPS_CLEAR_M: f64 = 1.0;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
     pub(crate) stage: DeckStage,
-    /// Keep-out volumes around the deck.
     pub(crate) around: Surroundings,
     /// Height of the foot plane above the deck, along the deck's normal, m.
     pub(crate) clearance: f64,

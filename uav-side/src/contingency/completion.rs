@@ -22,7 +22,6 @@ const MIN_TILT: f64 = 0.02;
 /// Time before contact at which braking must be finished, with or without a plan, s.
 const SOFT_S: f64 = 0.2;
 
-/// Landing that is completed with the newest forecast of the deck.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Completion<'a> {
     pub(crate) body: &'a Body,

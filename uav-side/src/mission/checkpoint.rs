@@ -25,7 +25,6 @@ use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 const MAX_COMMANDS: usize = 16;
 
-/// Start-up of a mission that may have a predecessor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionStartUp {
     recovery: Recovery<MissionCheckpoint>,

@@ -59,12 +59,10 @@ impl Cycles {
             (self.on, self.ended) = (false, Some(why));
         }
     }
-    /// Counts a sortie when its drone has left the deck.
     pub(super) fn leave(&mut self) {
         self.sorties = self.sorties.saturating_add(1);
         (self.ready, self.charged, self.tries) = (false, None, 0);
     }
-    /// Processes a change of state, which may end the cycles.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
         let is_anothers = before == State::StandDown && why.code != Disarmed;
         let ends = after == State::GaveUp

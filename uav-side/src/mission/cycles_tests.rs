@@ -13,7 +13,6 @@ use super::tests::{at, with};
 use super::*;
 const LANDED: MissionPhase = MissionPhase::STANDS;
 
-/// Cycles in their first sortie.
 fn cycling() -> MissionProgress {
     MissionProgress {
         started: at(9.0),
@@ -91,7 +90,6 @@ fn preparation_of_the_next_sortie() {
             d.progress.cycles.ended,
         )
     };
-    // The crew withdraws its clearance.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
     // The mission waits indefinitely for calmer waves, but not for permanent conditions.

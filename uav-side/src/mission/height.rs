@@ -91,7 +91,6 @@ pub(super) struct HeightInput {
     pub(super) armed: bool,
     /// Height of the origin above mean sea level, m.
     pub(super) origin_sea_m: Option<f64>,
-    /// Whether the mission commands the drone's height.
     pub(super) flies: bool,
 }
 
@@ -116,7 +115,6 @@ pub(super) struct Heights {
     pub(super) water_z: Option<f64>,
     /// Lower limit of the drone's height, NED z, m; None if only the heights above the deck apply.
     pub(super) lowest_z: Option<f64>,
-    /// Reason for that limit.
     pub(super) doubt: Option<Reason>,
 }
 
@@ -143,7 +141,6 @@ impl Heights {
 }
 
 impl HeightWitnesses {
-    /// Clears all levels after a jump of the frame.
     pub(super) fn forget(&mut self) {
         *self = HeightWitnesses::default();
     }
@@ -198,7 +195,6 @@ impl HeightWitnesses {
         self.contradiction(z, deck_m).is_none() && levels.iter().flatten().any(near)
     }
 
-    /// Highest contradicting level, with its error.
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
         let [take_off, sea, observed] = self.levels(deck_m);
         let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);

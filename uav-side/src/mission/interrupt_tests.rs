@@ -76,7 +76,6 @@ fn abort_in_every_flying_state() {
     }
 }
 
-/// Outcomes for a drone whose feet rest on the deck.
 fn on_the_deck() -> ContactOutcomes {
     ContactOutcomes {
         rests: true,
@@ -343,7 +342,6 @@ fn order_after_a_set_point_loss_and_a_takeover() {
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);
     let d = run(&d, &holds, 5.0);
-    // Set-points are followed again, and the landing restarts.
     goes(&step(&d, &fair()), State::GetAltitude, Commanded);
     for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {
         let taken = step(&d, &with(|s| s.flight = ControlState::OtherControl(mode)));

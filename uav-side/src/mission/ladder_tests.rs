@@ -17,7 +17,6 @@ fn matching() -> MissionConfig {
         ..config()
     }
 }
-/// One step of a mission in match mode, from a descent.
 fn step_at(d: &Decision, s: &Situation, command: Option<CommandKind>) -> Decision {
     decide(d.phase, d.progress, command, s, &matching())
 }

@@ -45,7 +45,6 @@ pub struct LiftOff {
     pub clear: f64,
 }
 
-/// Probabilities of a take-off now and at the best later time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
     pub now: LiftOff,
@@ -54,7 +53,6 @@ pub struct Moments {
 }
 
 impl LiftOff {
-    /// Probability that both limits are met.
     pub fn whole(&self) -> f64 {
         let p = self.along * self.clear;
         if p.is_finite() { p.min(MAX) } else { 0.0 }

@@ -39,7 +39,6 @@ pub(super) fn exceeds(code: ReasonCode, value: f64, limit: f64) -> Option<Reason
     (value > limit || value.is_nan()).then_some(Reason::new(code, value, limit))
 }
 
-/// Reason of the first value that exceeds its limit.
 pub(super) fn first_beyond<const N: usize>(values: [(ReasonCode, f64, f64); N]) -> Option<Reason> {
     values
         .into_iter()

@@ -183,7 +183,6 @@ pub struct MissionNode {
     /// Time of the newest forecast, whether a landed drone stays on the deck, and the odds of a landing.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
-    /// State of the vessel when its deck was last known.
     last_vessel: Option<LastVessel>,
     /// Target of the feet relative to the deck's centre, NED, m; fixed before the descent.
     meets: [f64; 2],
@@ -417,7 +416,6 @@ impl MissionNode {
     }
 
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
-        // A pilot has taken over after a set-point loss.
         let taken = self.progress.set_points_lost && !decision.progress.set_points_lost;
         self.progress = decision.progress;
         let was = self.phase.state();

@@ -50,9 +50,7 @@ pub enum MissionPhase {
     Approach {
         detected: Option<DroneTime>,
     },
-    /// Searches for a deck that only a beacon reports.
     Search(Search),
-    /// Flies towards a vessel whose radio is not received.
     Seek,
     Tracking {
         steady: Option<DroneTime>,
@@ -95,7 +93,6 @@ pub enum MissionPhase {
         since: DroneTime,
         left: bool,
     },
-    /// Climbs away from the vessel to the approach height.
     ClimbOut {
         since: DroneTime,
         at: Vector3<f64>,
@@ -165,7 +162,6 @@ impl MissionPhase {
     pub(super) const fn takes_off(&self) -> bool {
         matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
     }
-    /// Whether the drone has left the deck in an unfinished take-off.
     pub(super) const fn has_left(&self) -> bool {
         matches!(
             self,

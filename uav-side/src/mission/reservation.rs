@@ -27,7 +27,6 @@ impl Reservation {
     ) -> Self {
         let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
         let fresh = age_s <= topics::DECK.stale_after.secs();
-        // A closed deck is closed to all drones.
         let closed = grant.is_some_and(|g| fresh && g.owner == DECK_CLOSED);
         if !config.reservation_required && !closed {
             return Reservation::NotNeeded;

@@ -38,7 +38,6 @@ pub(super) fn sets_out(
     MissionPhase::Seek.enter(reason(seeks))
 }
 
-/// Flies to the vessel's extrapolated position.
 pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if s.fresh_deck().is_some() {
         progress.started = s.now;

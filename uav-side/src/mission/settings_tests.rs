@@ -73,7 +73,6 @@ fn settings_of_a_ground_station() {
     ] {
         assert_eq!(after(&mut m, t, &set(t, wrong)).settings, wanted);
     }
-    // A take-off is ordered.
     let s = m.situation(at(5.0));
     assert!(m.is_settable(&s));
     m.phase = MissionPhase::Countdown { since: at(5.0) };
@@ -120,7 +119,6 @@ fn settings_while_armed_or_ordered_to_land() {
     assert_eq!(after(&mut m, 1.1, &late).settings, before);
 }
 
-/// First state of a successor with this checkpoint.
 fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (MissionNode, MissionState) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();

@@ -93,7 +93,6 @@ pub struct Deck {
     pub distance_m: f64,
     /// Distance below which the drone is above or next to the vessel, m.
     pub ring_m: f64,
-    /// Whether the vessel has an escape direction for drones.
     pub escapes: bool,
     /// Bearing of the deck's centre, from north towards east, rad.
     pub bearing_rad: f64,
@@ -141,7 +140,6 @@ pub fn several(forecast: &DeckForecast) -> Option<Reason> {
     (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
 }
 
-/// Reason if two sources of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     let elsewhere = forecast
         .place_apart_m
@@ -318,7 +316,6 @@ pub struct Charges {
 pub struct Situation {
     pub now: Time<DroneClock>,
     pub flight: ControlState,
-    /// Reason why the autopilot's state permits no landing.
     pub rejection: Option<Reason>,
     /// Reason if the drone's frame has jumped since the forecast.
     pub moved: Option<Reason>,
@@ -338,9 +335,7 @@ pub struct Situation {
     pub mean_deck_z: Option<f64>,
     /// Lower limit of the height, NED z, m, until a second source confirms the deck's height.
     pub lowest_z: Option<f64>,
-    /// Reason for that limit.
     pub doubt: Option<Reason>,
-    /// Whether a drone that lands now stays on the deck.
     pub staying: Staying,
     /// Tilt of the drone beyond the recently commanded one, rad.
     pub tilt_excess_rad: f64,
@@ -380,7 +375,6 @@ pub struct Situation {
     pub hard_contact_mps: Option<f64>,
     /// Whether another drone has requested the deck on which this drone stands.
     pub deck_wanted: bool,
-    /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
     /// Whether the autopilot reports ground contact.
     pub on_ground: bool,
@@ -484,7 +478,6 @@ impl Situation {
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }
-    /// Deck, if forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {
         if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {
             self.deck.as_ref()

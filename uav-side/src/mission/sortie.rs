@@ -130,7 +130,6 @@ impl ReturnLeg {
 pub(super) struct Energy {
     pub(super) charge: f64,
     pub(super) power: f64,
-    /// Charge reserved for the landing, 0 to 1.
     pub(super) reserve: f64,
     pub(super) attempt_s: f64,
 }
@@ -164,7 +163,6 @@ impl Energy {
 }
 
 impl MissionNode {
-    /// Updates the remaining time of a drone on a sortie.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {

@@ -191,7 +191,6 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
 }
 
-/// Climbs or descends to the approach height.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
@@ -393,7 +392,6 @@ fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Reason not to begin a descent because of the announced course.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     match s.course {
         Course::Unknown => None,

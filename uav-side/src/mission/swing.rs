@@ -22,7 +22,6 @@ const PLAN_VARIANCE: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SwingMonitor {
-    /// Time and planned acceleration of the newest set-point.
     last: Option<(Time<DroneClock>, Vector2<f64>)>,
     /// Slow parts of feedback, planned acceleration and its derivative (columns), north and east.
     slow: Matrix2x3<f64>,

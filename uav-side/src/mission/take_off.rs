@@ -173,7 +173,6 @@ fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
-/// Whether the drone is armed under our control.
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
@@ -193,7 +192,6 @@ fn turns(s: &Situation) -> Option<Reason> {
     (s.course == Course::Turning).then(|| VesselTurns.into())
 }
 
-/// Reason not to take off from the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let first = s
         .not_cleared
@@ -209,7 +207,6 @@ fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     })
 }
 
-/// Reason against a take-off before the motors start.
 fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let grounded = (!s.on_ground).then(|| NotOnDeck.into());
     let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);

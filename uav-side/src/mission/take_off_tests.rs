@@ -210,7 +210,6 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.6, better), (State::SpinUp, ReasonCode::BetterMoment));
     assert_eq!(at_moment(8.6, better), (State::TakeOff, GoodMoment));
-    // The crew withdraws its clearance.
     let closed: fn(&mut Situation) = |s| s.not_cleared = Some(DeckReserved.into());
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
@@ -444,7 +443,6 @@ fn end_of_a_take_off() {
         follows(stands(9.0, None), None, &disarmed),
         (State::Idle, Disarmed)
     );
-    // An arming command may be pending.
     let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
     assert_eq!(stopped(7.1), (State::StandDown, Arming));
     assert_eq!(stopped(6.9), (State::Idle, Operator));

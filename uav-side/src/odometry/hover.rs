@@ -1,4 +1,3 @@
-
 use alight_shared::geometry::GRAVITY;
 
 /// Hover thrust `T g / f`, in the unit of `thrust`, from the thrust `T` and the specific force `f` along the body's up

@@ -161,7 +161,6 @@ impl Odometry {
             first: [[0.0; 3]; 4],
         }
     }
-    /// Restarts in a new frame of the autopilot.
     pub(crate) fn restart(&mut self) {
         let heading = self.jumps.heading;
         *self = Odometry::new(&self.config);

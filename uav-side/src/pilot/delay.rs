@@ -178,7 +178,6 @@ impl Delay {
     pub(crate) fn one_way_s(&self) -> f64 {
         self.age_s.unwrap_or(0.0)
     }
-    /// Updates the thrust's dead time from odometry in free flight.
     pub(crate) fn learn_thrust(&mut self, drone: &DroneState, lag_s: f64) {
         let one_way_s = self.one_way_s();
         let force = -drone.specific_force[2];

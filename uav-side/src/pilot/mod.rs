@@ -261,7 +261,6 @@ impl Pilot {
         self.detector.clear();
     }
 
-    /// Stops the motors and publishes the touchdown.
     fn touch_down(&mut self, now: Time<DroneClock>, touchdown: Touchdown) -> PilotOut {
         self.stop_from(now);
         let set_point = self.stop(now);

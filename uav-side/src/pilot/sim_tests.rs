@@ -65,7 +65,6 @@ struct World {
     damping: f64,
     ranges: bool,
     reads: Reads,
-    /// Whether the autopilot reports its thrust.
     reports: bool,
     state: State,
     mode: AutopilotMode,

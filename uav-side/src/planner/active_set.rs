@@ -261,7 +261,6 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Writes the image of a row under the factor of H.
     fn write_image(&mut self, free: &Condensed<N>, row: &Row) {
         self.image.fill(0.0);
         let held = self.image.iter_mut().take(row.stage + 1);

@@ -6,7 +6,6 @@ use nalgebra::SVector;
 
 use super::model::DiscreteModel;
 
-/// Reference and weights of one stage of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageCost<const N: usize> {
     pub reference: SVector<f64, N>,
@@ -155,7 +154,6 @@ impl<const N: usize> Condensed<N> {
     pub(super) fn image(&self, row: &mut [f64]) {
         forward(&self.factor, row);
     }
-    /// Converts half a solution to increments, in place.
     pub(super) fn increments(&self, half: &mut [f64]) {
         backward(&self.factor, half);
     }

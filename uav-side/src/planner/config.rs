@@ -1,5 +1,3 @@
-//! Configuration of the planner.
-
 use serde::{Deserialize, Serialize};
 
 use alight_shared::config;

@@ -11,7 +11,6 @@ pub use super::view::View;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {
-    /// Whether the first plan of a landing starts from the measured state.
     pub measured: bool,
     /// Time constant with which later plans approach the drone's position and velocity, s. Their start is also limited
     /// in height above the drone and in sink rate by [`super::config::Reset`]. None: plans continue regardless of the

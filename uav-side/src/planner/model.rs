@@ -17,36 +17,26 @@ pub const STATES: usize = 12;
 /// Number of rotors, and of virtual inputs.
 pub const INPUTS: usize = 4;
 
-/// Full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
+/// Full state `[p, euler, v, euler rates]`, indexed by [`state`]: m, rad, m/s, rad/s.
 pub type ModelState = [f64; STATES];
 
 pub mod state {
     use super::ModelState;
     use nalgebra::Vector3;
 
-    /// Position north, m.
     pub const NORTH: usize = 0;
-    /// Position east, m.
     pub const EAST: usize = 1;
-    /// Position down, m.
     pub const DOWN: usize = 2;
     /// Tilt about north, rad.
     pub const PHI: usize = 3;
     /// Tilt about east, rad.
     pub const THETA: usize = 4;
-    /// Heading, rad.
     pub const PSI: usize = 5;
-    /// Velocity north, m/s.
     pub const V_NORTH: usize = 6;
-    /// Velocity east, m/s.
     pub const V_EAST: usize = 7;
-    /// Velocity down, m/s.
     pub const V_DOWN: usize = 8;
-    /// Rate of [`PHI`], rad/s.
     pub const PHI_DOT: usize = 9;
-    /// Rate of [`THETA`], rad/s.
     pub const THETA_DOT: usize = 10;
-    /// Rate of [`PSI`], rad/s.
     pub const PSI_DOT: usize = 11;
 
     /// Position, NED, m.
@@ -64,7 +54,6 @@ pub const MIXER: [[f64; 4]; 4] = [
     [-0.5, 0.5, -0.5, 0.5],
 ];
 
-/// Gains of the four virtual inputs at hover.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoverModel {
     /// Downward acceleration per unit of collective input, m/s²: `-g / 2`.
@@ -225,7 +214,6 @@ pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_bel
     deck.height_of(&(p - up * feet_below_m))
 }
 
-/// Odometry as a state of the model.
 pub fn measured_state(drone: &DroneState) -> ModelState {
     let q = drone.attitude();
     let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);

@@ -104,7 +104,6 @@ pub struct Mpc {
     model: HoverModel,
     x: ChainMpc<4>,
     y: ChainMpc<4>,
-    /// Chains of x and y with bounded position.
     bounded: [ChainMpc<4>; 2],
     z: ChainMpc<2>,
     yaw: ChainMpc<2>,
@@ -166,7 +165,6 @@ impl Mpc {
     pub fn model(&self) -> &HoverModel {
         &self.model
     }
-    /// Limits of the chains x, y, z and yaw.
     pub fn limits(&self) -> (ChainLimits<4>, ChainLimits<4>, ChainLimits<2>, ChainLimits<2>) {
         (self.x.limits, self.y.limits, self.z.limits, self.yaw.limits)
     }
@@ -227,7 +225,6 @@ impl Mpc {
         }
     }
 
-    /// State half a step later.
     pub fn half_step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         self.half.step(state, input)
     }

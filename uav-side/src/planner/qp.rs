@@ -52,7 +52,6 @@ pub(super) const TOLERANCE: f64 = 1e-9;
 const MAX_ITERATIONS: u32 = 40;
 
 impl<const N: usize> ChainLimits<N> {
-    /// Number of variables of a stage.
     fn width(&self) -> usize {
         N + 2 + usize::from(self.floor)
     }

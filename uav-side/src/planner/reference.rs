@@ -32,7 +32,6 @@ fn station_turns_radps(view: &View) -> f64 {
 /// Deck of the references, and requirements on the plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanReference {
-    /// Whether the plan ends in contact with the deck.
     pub touch: bool,
     /// Current clearance of the foot plane above the deck, m; infinite while no deck is known.
     pub clearance_m: f64,
@@ -60,7 +59,6 @@ pub struct ReferenceGenerator {
     yaw: ReferenceGovernor<1>,
     /// Position and heading to hold while the deck is unknown.
     frozen: Option<[f64; 4]>,
-    /// Whether the drone is within the approach sector.
     admitted: bool,
 }
 
@@ -76,7 +74,6 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Whether the deck could reach the plan's start.
     fn near_deck(&self) -> bool {
         let aside = |d: &DeckStage| {
             (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
@@ -105,7 +102,6 @@ impl ReferenceGenerator {
         -self.deck.centre_m[2]
     }
 
-    /// Resets the governors.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();

@@ -12,7 +12,6 @@ use super::law::LandingStart;
 use super::model::{INPUTS, ModelState, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 
-/// Plan as returned by the solver.
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {
     pub at: Time<DroneClock>,
@@ -59,7 +58,6 @@ impl SolvedPlan {
 pub(super) struct PlanStart {
     pub state: ModelState,
     pub input: [f64; INPUTS],
-    /// Whether the plan starts from the measured state.
     pub measured: bool,
 }
 

@@ -97,7 +97,6 @@ fn mpc_faa_with_both_published_horizons() {
     assert!(contact.tilt.to_degrees() < 2.0, "{contact:?}");
 }
 
-/// Planner and follower for tests that run them directly.
 struct Bench {
     planner: Planner,
     follower: PlanFollower,
@@ -116,7 +115,6 @@ impl Bench {
             around: Surroundings::default(),
         }
     }
-    /// Runs one tick of an ideal follower.
     fn tick(&mut self, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         self.follower.follow();
         let (now, header) = (self.follower.now(), self.follower.header());
@@ -132,7 +130,6 @@ impl Bench {
         self.follower.end_tick(plan);
         plan
     }
-    /// Last plan within `count` ticks.
     fn ticks(&mut self, count: usize, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         (0..count).filter_map(|_| self.tick(mission, sea)).last()
     }

@@ -24,9 +24,7 @@ pub const HEAD: usize = 6;
 pub const MEAN: usize = 0;
 /// Mean rate, m/s, rad/s.
 pub const RATE: usize = 1;
-/// Slow error of the radio.
 pub const RADIO: usize = 2;
-/// Slow error of vision.
 pub const VISION: usize = 3;
 /// Drift of vision: velocity error of the odometry.
 pub const DRIFT: usize = 4;
@@ -59,7 +57,6 @@ pub enum MeasurementRow {
     Rate,
     /// Residual of the modes: sum of the oscillators.
     Residual,
-    /// Rate of the residual.
     ResidualRate,
 }
 
@@ -90,16 +87,13 @@ fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> 
     head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
 }
 
-/// Wave-independent noise parameters of one degree of freedom.
+/// Wave-independent noise parameters of one degree of freedom. A pair is the standard deviation and the correlation
+/// time (s) of an error.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
-    /// Standard deviation and correlation time of the radio's slow error.
     pub radio: (f64, f64),
-    /// Standard deviation and correlation time of vision's slow error.
     pub vision: (f64, f64),
-    /// Standard deviation and correlation time of vision's drift.
     pub drift: (f64, f64),
-    /// Standard deviation and correlation time of vision's rotation.
     pub turn: (f64, f64),
     /// Variance per second of the mean's random walk.
     pub mean_walk: f64,
@@ -403,21 +397,17 @@ impl Axis {
     }
 }
 
+/// Transition of the states before the oscillators over one step: decay factors and gains.
 #[derive(Clone, Copy, Debug)]
 pub struct Head {
     /// Gain from the mean rate to the mean, s.
     pub reach: f64,
-    /// Decay of the mean rate.
     pub rate: f64,
-    /// Decay of the radio's slow error.
     pub radio: f64,
-    /// Decay of vision's slow error.
     pub vision: f64,
     /// Gain from the drift to vision's slow error, s.
     pub wander: f64,
-    /// Decay of the drift.
     pub drift: f64,
-    /// Decay of vision's rotation.
     pub turn: f64,
 }
 

@@ -79,12 +79,10 @@ impl Axis {
     }
 }
 
-/// White-noise variances of position and velocity.
 fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
 
-/// Current estimate from the beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconEstimate {
     /// Centre of the deck, north and east in the drone's NED, m.
@@ -97,7 +95,6 @@ pub(super) struct BeaconEstimate {
     pub(super) age_s: f64,
 }
 
-/// Track of the selected beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconTrack {
     /// Origin of the local frame: the first message's position, so that jumps of the drone's frame have no effect.

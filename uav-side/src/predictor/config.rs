@@ -1,5 +1,3 @@
-//! Parameters of the predictor.
-
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 

@@ -119,7 +119,6 @@ struct MeanDifference {
     n: f64,
 }
 
-/// Permitted use of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Use {
     /// Fuse it, and compare it with detections.
@@ -132,9 +131,7 @@ pub(super) enum Use {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeTrust {
     newest: Option<RelativePlace>,
-    /// Time of the newest fixed solution.
     fixed_at: Option<Time<DroneClock>>,
-    /// Deck from the newest usable measurement.
     fixed: Option<DeckObservation>,
     used: Option<Time<DroneClock>>,
     difference: Option<MeanDifference>,

@@ -58,7 +58,6 @@ pub(super) fn state(
 
 /// Variances of the deck's position along an axis in the drone's frame.
 struct VisionWeight {
-    /// Variance with all measurements.
     whole: f64,
     /// Variance without vision: the radio's, plus the slow errors of radio and camera.
     by_radio: f64,

@@ -34,7 +34,6 @@ const MAX_BACK_S: f64 = 0.1;
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
     pub omega: f64,
-    /// Damping ratio per axis.
     pub damping: [f64; AXES],
     /// Stationary standard deviation per axis, m, rad.
     pub sd: [f64; AXES],
@@ -134,7 +133,6 @@ pub struct Waves {
     residual_sd: [f64; AXES],
     /// Damping ratio of the residual of heave, tilt and heading with fresh modes, and with stale modes.
     residual_damping: [f64; 2],
-    /// Received modes, newest last.
     messages: VecDeque<Modes<DroneClock>>,
     /// Deck's centre relative to the vessel's reference point, in the vessel's axes, m.
     lever_arm: Vector3<f64>,
@@ -143,7 +141,6 @@ pub struct Waves {
     spread: Spread,
     /// Maximum standard deviation of the residual.
     largest: [f64; AXES],
-    /// Whether the vessel has sent modes.
     identified: bool,
     /// Fraction of the motion's variance predicted by the modes, 0 to 1.
     pub confidence: f64,

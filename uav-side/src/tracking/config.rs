@@ -1,5 +1,3 @@
-//! Parameters of the tracking loop.
-
 use alight_shared::config;
 
 config! {

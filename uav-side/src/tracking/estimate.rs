@@ -7,7 +7,6 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::config::TrackingConfig;
 use crate::odometry::hover::hover_sample;
 
-/// Slow estimates of thrust scale and horizontal disturbance.
 #[derive(Clone, Debug)]
 pub(crate) struct FlightEstimator {
     /// Collective thrust in hover, 0 to 1.

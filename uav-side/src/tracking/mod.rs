@@ -22,7 +22,6 @@ pub(crate) const DESIGN_LAG_S: f64 = 0.2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AttitudeCommand {
-    /// Rotation NED from body.
     pub(crate) attitude: UnitQuaternion<f64>,
     /// Body rates for feed-forward, rad/s.
     pub(crate) rates: Vector3<f64>,
@@ -38,7 +37,6 @@ pub(crate) struct Authority {
     pub(crate) disturbance: f64,
     /// Disturbance that the plan's attitude already compensates, NED, m/s².
     pub(crate) planned: Vector2<f64>,
-    /// Whether the integral may change.
     pub(crate) integrate: bool,
     /// Whether the vertical force has priority over the horizontal one.
     pub(crate) brakes: bool,

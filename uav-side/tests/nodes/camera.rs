@@ -12,7 +12,6 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
 
-/// First code of the family 36h11.
 const CODE_0: u64 = 0xd_5d62_8584;
 
 #[derive(Clone, Debug)]

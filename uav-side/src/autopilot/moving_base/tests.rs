@@ -1,4 +1,3 @@
-
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::node::Node as _;

@@ -91,7 +91,6 @@ pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
         .bytes(&[0, 1 | 2])
         .0
 }
-/// Landing target whose position is in a known frame.
 fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
     let number = payload.u8(TARGET_FRAME_AT);
     let frame = TargetFrame::ALL.into_iter().find(|f| f.number() == number)?;

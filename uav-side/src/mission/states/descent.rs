@@ -18,7 +18,6 @@ fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// Reason not to begin the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (

@@ -1,5 +1,3 @@
-//! Parameters of the rendezvous planner.
-
 use std::collections::BTreeMap;
 
 use alight_shared::config;
@@ -12,7 +10,7 @@ use crate::planner::weights::FaaDistance;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WeightSchedule {
-    /// Weight far from the contact.
+    /// Weight far from contact.
     pub far: f64,
     /// Increment at contact.
     pub contact: f64,

@@ -29,7 +29,6 @@ impl Predictor {
         }
     }
 
-    /// Observation in the drone's frame.
     pub(super) fn observed(
         &self,
         now: Time<DroneClock>,
