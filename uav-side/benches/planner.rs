@@ -69,7 +69,7 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
     steps.sort_unstable();
     let quantile = |q: f64| steps.get(((steps.len() as f64 - 1.0) * q).round() as usize);
     println!(
-        "{name}: step, all of it: p50 {:?}, p99 {:?}, longest {:?} of {}, {} limited, most iterations {}",
+        "{name}: whole step: p50 {:?}, p99 {:?}, longest {:?} of {}, {} limited, most iterations {}",
         quantile(0.5).copied().unwrap_or_default(),
         quantile(0.99).copied().unwrap_or_default(),
         quantile(1.0).copied().unwrap_or_default(),

@@ -177,7 +177,7 @@ config! {
             !repeats,
             "battery_order",
             format!("{order:?}"),
-            "each of \"deck\", \"home\", \"here\" once at most",
+            "\"deck\", \"home\", \"here\", each at most once",
         )?;
         at.require(
             (1..=1000).contains(&this.max_attempts),

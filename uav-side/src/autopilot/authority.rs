@@ -81,7 +81,7 @@ impl ControlAuthority {
 impl fmt::Display for ControlAuthority {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
+            ControlAuthority::Searching => "no heartbeat from a multirotor's autopilot; check link and address",
             ControlAuthority::LinkLost => "the autopilot's heartbeats have stopped",
             ControlAuthority::SeveralAutopilots => {
                 "autopilots of two vehicles are received: set autopilot.vehicle to this drone's system number"

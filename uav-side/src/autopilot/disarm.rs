@@ -77,7 +77,7 @@ impl fmt::Display for DisarmInhibit {
             DisarmInhibit::RangeHigh => "the rangefinder measures air below the feet",
             DisarmInhibit::ForecastHigh => "the forecast deck is further below",
             DisarmInhibit::Fast => "too fast relative to the deck",
-            DisarmInhibit::NotSupported => "the deck does not carry the drone",
+            DisarmInhibit::NotSupported => "the deck does not support the drone",
         })
     }
 }

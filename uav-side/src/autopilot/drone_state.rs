@@ -164,7 +164,7 @@ impl DroneStateAssembler {
         )
     }
 
-    /// State with the attitude as `reported`, and with `q` propagated to `at`.
+    /// State at `at`, with both the `reported` attitude and the attitude `q` propagated to `at`.
     fn state(
         &mut self,
         at: DroneTime,
@@ -239,9 +239,9 @@ impl DroneStateAssembler {
         let changed = now != reported;
         changed.then(|| match now {
             Some(what) => {
-                format!("its {what} stands still bit by bit while the drone moves: odometry rejected")
+                format!("its {what} is frozen while the drone moves: odometry rejected")
             }
-            None => "its odometry changes again, and is used".into(),
+            None => "its odometry changes again and is used".into(),
         })
     }
     pub(crate) fn restart(&mut self) {

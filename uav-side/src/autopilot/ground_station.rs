@@ -21,11 +21,11 @@ const VALUES: Span = Span::from_millis(500);
 const WAITS: Span = Span::from_millis(3000);
 /// Text for an abort or hold given so low that a climb would hit the deck harder than the landing.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
-/// Name of the distance between the centres of drone and deck, m.
+/// Name of the value with the distance between the centres of drone and deck, m.
 pub const DISTANCE: &str = "deck_m";
-/// Name of the age of the vessel estimate behind the forecast, s.
+/// Name of the value with the age of the vessel estimate behind the forecast, s.
 pub const AGE: &str = "link_age_s";
-/// Names of the true wind speed, m/s, and of the direction that it comes from, deg.
+/// Names of the values with the true wind speed, m/s, and the direction that the wind comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
 #[derive(Clone, Copy, Debug, Default)]

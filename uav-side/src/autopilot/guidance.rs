@@ -41,7 +41,7 @@ impl AutopilotLink {
         };
         if self.disarm.own_landing.step(now, &evidence, &lasting) == DisarmDecision::Command {
             if self.disarm.own_landing.sent() == 1 {
-                let text = "the autopilot has landed on the deck by itself: disarms".to_owned();
+                let text = "the autopilot has landed on the deck by itself: disarming".to_owned();
                 out.alarm(severity::NOTICE, text);
             }
             self.command_disarm(self.disarm.own_landing.sent(), out);

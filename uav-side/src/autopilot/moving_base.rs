@@ -196,11 +196,11 @@ impl RelativeReports {
             Some(r) => match (r.contradicted_m, r.solution) {
                 (Some(m), _) => (
                     ReportedRelative::Contradicted,
-                    format!("Moving base off by {m:.2} m by the tags: not used"),
+                    format!("Moving base {m:.2} m off the tags: not used"),
                 ),
                 (None, CarrierSolution::Fixed) => (
                     ReportedRelative::Fixed,
-                    format!("Moving base fixed: relative place to {:.0} cm", 100.0 * r.sd_m),
+                    format!("Moving base fixed: position to {:.0} cm", 100.0 * r.sd_m),
                 ),
                 (None, CarrierSolution::Float) => (
                     ReportedRelative::Lost,

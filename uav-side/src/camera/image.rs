@@ -25,7 +25,7 @@ pub enum ImageError {
         height: usize,
         pixels: usize,
     },
-    #[error("not a grey image as PGM (P5, 8 bit): {0}")]
+    #[error("not an 8-bit grey PGM image (P5): {0}")]
     Pgm(&'static str),
 }
 
@@ -59,7 +59,7 @@ pub(super) fn check_image(
         GreyImage::accepts(width_px as usize, height_px as usize),
         "width_px, height_px",
         format!("{width_px} x {height_px}"),
-        "32 to 8192 each, 12.6 million pixels at most",
+        "32 to 8192 each, at most 12.6 million pixels",
     )?;
     at.ranges("focal_px", focal_px, 10.0, 1e5)?;
     let sides = [width_px, height_px].map(f64::from);

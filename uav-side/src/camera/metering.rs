@@ -349,7 +349,7 @@ mod tests {
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // A coarse gain decreases in steps of a half; a tag is usable up to a stop below 225.
+            // A small linear gain changes by a factor of two per step, so whites up to a stop below 225 are accepted.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();

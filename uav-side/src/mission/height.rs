@@ -273,7 +273,7 @@ impl MissionNode {
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
                 landed: a.landed,
                 armed: a.armed,
-                // In the frame that is continuous across jumps of the estimate.
+                // Converted to the frame that is continuous across jumps of the estimate.
                 origin_sea_m: a.origin_sea_m.zip(own).map(|(m, d)| m + d.datum_offset[2]),
                 flies: self.phase.flies(),
             };

@@ -35,7 +35,7 @@ pub enum ControlState {
 }
 
 impl ControlState {
-    /// Control by the autopilot's state; None: missing or stale. In shadow mode any control counts as ours.
+    /// Control according to the autopilot's state (None: missing or stale). In shadow mode any control counts as ours.
     pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;

@@ -291,7 +291,7 @@ fn silent_vessel_with_its_beacon() {
     let begun = step(MissionPhase::APPROACH, &known(5.0, 2.0));
     goes(&begun, Search, AtBeacon);
     waits(&step(begun.phase, &known(5.0, 2.0)), Search, Searching);
-    // Without a beacon nothing leads to the vessel; a received beacon is approached directly.
+    // Without a beacon the vessel cannot be found; a vessel that is received is approached directly.
     let lost = with_deck(|d| (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY));
     goes(&step(begun.phase, &lost), Hold, NoVessel);
     goes(

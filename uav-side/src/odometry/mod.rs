@@ -65,11 +65,11 @@ const LAG_M: f64 = 0.6;
 /// Rate of that drift, 1/s: with a drift of 5 cm/s, the fastest of a GNSS error of metres, the lag increases by 0.5 m.
 const DRIFT_GAIN: f64 = 0.1;
 
-/// Gain on the difference of velocity, 1/s.
+/// Gain from the velocity difference to the acceleration, 1/s.
 const VELOCITY_GAIN: f64 = 1.0;
-/// Gain on the difference of position, 1/s².
+/// Gain from the position difference to the acceleration, 1/s².
 const POSITION_GAIN: f64 = 0.2;
-/// Gain of the accelerometers' bias on the difference of velocity, 1/s².
+/// Gain from the velocity difference to the rate of the accelerometer bias, 1/s².
 const BIAS_GAIN: f64 = 0.3;
 /// Maximum bias, including tilt error, m/s².
 const BIAS_LIMIT_MPS2: f64 = 1.0;

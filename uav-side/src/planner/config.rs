@@ -268,7 +268,7 @@ mod tests {
         assert_eq!(parse("kind = \"mpc-faa\"").unwrap(), PlannerKind::MpcFaa);
         assert!(
             parse("kind = \"mpc-ne\"").is_err(),
-            "baselines fly on the bench only"
+            "baselines fly only in the benchmark"
         );
         assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);
         assert_eq!(parse("").unwrap(), PlannerKind::Alight);

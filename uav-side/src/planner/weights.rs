@@ -77,7 +77,7 @@ impl Check for ExponentialWeight {
     fn describe(at: &Keys<'_>, keys: &mut BTreeMap<String, String>) {
         keys.insert(
             at.key("gain"),
-            " Added at contact, in the weight's own unit.".into(),
+            " Increment at contact, in the weight's own unit.".into(),
         );
         keys.insert(at.key("decay_per_m"), " Decay with clearance, 1/m.".into());
     }

@@ -98,7 +98,7 @@ config! {
         /// Number of standard deviations beyond which innovations are rejected.
         pub gate_sd: f64 = 5.0, in 2.0..=20.0;
         /// Use the vessel's wave model.
-        /// Source: always on; off only for comparisons.
+        /// Source: switched off only for comparisons.
         pub use_wave_model: bool = true;
         /// Maximum age of the newest tag detection with which the vessel's estimates are used, s; 0: always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;

@@ -34,7 +34,8 @@ const PAIR_S: f64 = 0.3;
 /// Time constant of the mean difference and maximum gap between its detections, s; and minimum number of detections.
 const MEAN_TIME_S: f64 = 1.0;
 const MIN_DETECTIONS: f64 = 5.0;
-/// Difference beyond a number of standard deviations, m, that the positions of tags and antennas do not explain.
+/// Tolerated difference in addition to a multiple of its standard deviation, m, for errors in the measured positions of
+/// tags and antennas; and that multiple.
 const APART_M: f64 = 0.15;
 const APART_SD: f64 = 3.0;
 /// Maximum uncertainty of a comparison that confirms the relative position, m; a touchdown still hits the deck.

@@ -96,7 +96,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
 
-    /// Drone at rest, with odometry and predictor, whose autopilot estimate jumps.
+    /// Odometry and predictor of a drone at rest while the estimate of its autopilot jumps.
     struct Bench {
         odometry: Odometry,
         predictor: Predictor,

@@ -293,12 +293,9 @@ fn texts_of_the_relative_place_on_change() {
     ] {
         texts.extend(reports.change(Time::from_secs(s), state.as_ref()));
     }
-    let fixed = (
-        severity::INFO,
-        "Moving base fixed: relative place to 2 cm".to_owned(),
-    );
+    let fixed = (severity::INFO, "Moving base fixed: position to 2 cm".to_owned());
     let lost = |why: &str| (severity::WARNING, format!("Moving base lost: {why}"));
-    let off = "Moving base off by 0.50 m by the tags: not used";
+    let off = "Moving base 0.50 m off the tags: not used";
     let expected = [
         fixed.clone(),
         lost("float solution"),

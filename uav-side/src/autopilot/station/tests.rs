@@ -142,7 +142,7 @@ fn station_abort_after_a_landing_from_elsewhere() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
-    // Another operator orders a landing, which the stations do not know.
+    // The stations do not know of a landing that another operator orders.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");

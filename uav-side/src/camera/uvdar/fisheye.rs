@@ -39,7 +39,7 @@ config! {
             grows,
             "distortion",
             format!("{:?}", this.distortion),
-            "coefficients with which the angle in the image increases with the true angle over the cone",
+            "coefficients for which the image angle increases with the true angle over the whole cone",
         )?;
     }
 }

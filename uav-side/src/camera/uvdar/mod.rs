@@ -75,7 +75,7 @@ config! {
             (2..=MAX_MARKERS).contains(&this.markers_m.len()) && this.markers_m.len() == this.codes.len(),
             "markers_m, codes",
             format!("{} and {}", this.markers_m.len(), this.codes.len()),
-            "2 to 16 markers, a code for each",
+            "2 to 16 markers, one code for each",
         )?;
         for marker in &this.markers_m {
             at.ranges("markers_m", marker, -50.0, 50.0)?;
@@ -89,7 +89,7 @@ config! {
                 && codes.iter().enumerate().all(apart),
             "codes",
             format!("{:?}", this.codes),
-            "4 to 32 bits 0 and 1 each, all of one length, any two at least 3 bits apart in every phase",
+            "4 to 32 bits (0 or 1) each, all of equal length, any two at least 3 bits apart in every phase",
         )?;
     }
 }

@@ -28,15 +28,15 @@ impl Check for WeightSchedule {
         at.range("contact", self.contact, 0.0, 1e7)
     }
     fn describe(at: &Keys<'_>, keys: &mut BTreeMap<String, String>) {
-        keys.insert(at.key("far"), " Far from the contact.".into());
-        keys.insert(at.key("contact"), " Added at the contact.".into());
+        keys.insert(at.key("far"), " Weight far from contact.".into());
+        keys.insert(at.key("contact"), " Increment at contact.".into());
     }
 }
 
 config! {
     /// Descent profile with a fast, a braked and a soft part.
     ///
-    /// Chosen: by a prototype. The soft part is long enough for the drone's lag, which can cause an early contact: with
+    /// Chosen: with a prototype. The soft part is long enough for the drone's lag, which can cause an early contact: with
     /// 40 ms of delay to the autopilot the motors stop in time in 79 of 80 landings at 0.28 s, in 76 at 0.2 s and in 80
     /// at 0.35 s. During the soft part the tag is out of view, and each 0.1 s adds 8 mm to the position error.
     #[derive(Copy)]
@@ -69,7 +69,7 @@ config! {
 config! {
     /// Choice of the touchdown time.
     ///
-    /// Chosen: by a prototype.
+    /// Chosen: with a prototype.
     #[derive(Copy)]
     pub struct TouchdownTimeConfig {
         /// Search window after the earliest touchdown time, s; 0 selects the earliest time.
@@ -100,7 +100,7 @@ config! {
 config! {
     /// The rendezvous planner (`alight`).
     ///
-    /// Chosen: by 40 landings on each of seven decks. Far from the deck the tilt has a larger weight than alignment
+    /// Chosen: from 40 landings on each of seven decks. Far from the deck the tilt has a larger weight than alignment
     /// needs, so that the plan does not follow the forecast's noise. Stages keep the weights of contact for as long as
     /// the contact may be late (`after_s`, 0.1 s). A longer alignment increases the errors of position and tilt,
     /// because a drone with a matched tilt accelerates away from the deck.
