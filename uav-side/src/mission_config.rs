@@ -85,7 +85,7 @@ config! {
         pub flare_timeout_s: f64 = 8.0, in 0.0..=120.0;
         /// Depth of the feet below the deck without a touchdown at which the landing counts as missed, m.
         pub missed_m: f64 = 0.4, in 0.01..=5.0;
-        /// Require the vessel's grant of the deck for a descent, for vessels with several drones.
+        /// Require the vessel's grant of the deck for a descent; needed on vessels with several drones.
         /// Source: A single drone needs no grant; the drone package's configuration file sets true.
         pub reservation_required: bool = false;
         /// Take off from the deck on `alight command takeoff`: Alight selects the autopilot's mode and arms after the

@@ -57,7 +57,7 @@ config! {
             !this.mission.takeoff || this.pilot.output == Output::Attitude,
             "mission.takeoff",
             this.mission.takeoff,
-            "false with pilot.output = \"trajectory\": only an attitude and a thrust lift a drone off a deck that moves",
+            "false with pilot.output = \"trajectory\": a take-off from a moving deck needs attitude and thrust set-points",
         )?;
     }
 }

@@ -117,7 +117,6 @@ mod tests {
                 "{sentence}: {all:?}"
             );
         }
-        // The vessel is moored in Seattle.
         let [r] = decoded("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n")[..] else {
             panic!()
         };

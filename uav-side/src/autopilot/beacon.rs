@@ -153,7 +153,6 @@ mod tests {
         assert_eq!(m.place_sd_m, PLACE_SD_M);
         assert_eq!(received(&mut link, 41, &tracker), None);
         assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
-        // This phone reports an error but no speed.
         let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
             error_m: Some(12.0),

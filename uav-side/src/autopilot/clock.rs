@@ -83,7 +83,6 @@ impl RemoteClock {
         if let Some(before) = self.best(now) {
             let ahead_s = (before.middle() - exchange.middle()).secs();
             if ahead_s.abs() > before.error_s() + exchange.error_s() + STEPPED_S {
-                // The earlier exchanges are obsolete.
                 self.exchanges.clear();
             }
             if ahead_s < -RESTART_S {

@@ -119,7 +119,6 @@ pub(crate) enum DisarmDecision {
     Press,
     Command,
     Idle,
-    /// The evidence has been missing for too long.
     InAir(DisarmInhibit),
 }
 

@@ -232,7 +232,6 @@ impl DroneStateAssembler {
             self.frozen[0] = Some("accelerometer");
         }
     }
-    /// Text when a quantity freezes or changes again.
     pub(super) fn news(&mut self) -> Option<String> {
         let [now, reported] = self.frozen;
         self.frozen[1] = now;
@@ -299,7 +298,6 @@ impl RangeReadings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
     pub(super) assembler: DroneStateAssembler,
-    /// Number of the autopilot's jumps handled so far.
     resets: u8,
     pub(super) origin: AutopilotOrigin,
     pub(super) heading: HeadingAlignment,

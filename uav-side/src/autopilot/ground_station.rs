@@ -33,7 +33,6 @@ pub(super) struct GroundReports {
     entered: Option<(State, DroneTime)>,
     /// Awaited condition, start of the wait, and whether it was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
-    /// Last reported reason for rejecting an order.
     rejected: Option<ReasonCode>,
     relative: RelativeReports,
     values: Periodic<DroneClock>,

@@ -44,7 +44,6 @@ impl LinkInputs {
     pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
         self.fresh_mission(now).map(|m| m.state)
     }
-    /// Last state of the mission while the pilot node still uses it.
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)

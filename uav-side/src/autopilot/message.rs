@@ -148,7 +148,6 @@ pub struct OdometryReport {
     pub rates: [f64; 3],
     /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None if not reported.
     pub variances: Option<[[f64; 3]; 3]>,
-    /// Number of estimator resets.
     pub resets: u8,
 }
 
@@ -160,7 +159,6 @@ pub struct Heartbeat {
     pub vehicle: u8,
     /// `MAV_MODE_FLAG` bits.
     pub base_mode: u8,
-    /// Firmware-specific mode number.
     pub custom_mode: u32,
 }
 

@@ -22,7 +22,6 @@ const MOVED_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AutopilotOrigin {
-    /// None until the autopilot has reported it.
     pub(super) datum: Option<Datum>,
     /// Height of the sea above the ellipsoid, m; None until determined.
     pub(super) geoid_m: Option<f64>,

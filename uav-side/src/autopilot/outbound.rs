@@ -55,7 +55,6 @@ pub(super) struct HeldPosition {
 pub(super) struct SetPointStream {
     pub(super) attitudes: bool,
     pub(super) held: Option<HeldPosition>,
-    /// Last set-point with motors running.
     pub(super) flown: Option<SetPoint>,
     pub(super) sent_at: Option<DroneTime>,
     pub(super) sent: u32,

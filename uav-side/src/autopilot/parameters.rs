@@ -35,7 +35,6 @@ struct Item {
 }
 
 impl Item {
-    /// None if the value is suitable.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {

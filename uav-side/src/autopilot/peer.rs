@@ -38,7 +38,6 @@ pub(crate) struct MavlinkPeer {
     /// Whether the silence of a battery gauge has been reported.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
-    /// Destination of return mode.
     pub(crate) home: Option<Datum>,
     pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,

@@ -63,7 +63,6 @@ pub(super) struct RcSwitch {
     received_at: Option<DroneTime>,
     /// Time of the last report that the receiver works; None if there was none, as with some firmware.
     healthy_at: Option<DroneTime>,
-    /// Whether the receiver is reported as failed.
     lost: bool,
     given: Option<SentCommand>,
 }

@@ -89,7 +89,6 @@ struct StationOrder {
     number: u16,
     order: SentCommand,
     answers: Periodic<DroneClock>,
-    /// Stations that have given or repeated the order.
     stations: Vec<Address>,
 }
 

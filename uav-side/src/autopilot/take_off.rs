@@ -46,7 +46,6 @@ pub(super) struct TakeOffSequence {
     /// Whether set-points stopped and no later verdict shows a standing drone.
     may_fly: bool,
     next: Periodic<DroneClock>,
-    /// Newest text that explains a denial.
     text: Option<(DroneTime, String)>,
 }
 
@@ -54,7 +53,6 @@ impl TakeOffSequence {
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// Stores a text that may explain a denied arming command.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));

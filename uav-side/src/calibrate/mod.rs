@@ -108,7 +108,6 @@ pub enum DeckCalibrationError {
         /// 95th percentile of the displacement that the rocking does not explain.
         metres: f64,
     },
-    /// The spread of the samples is not finite.
     #[error("no estimate from the samples: their spread is not finite")]
     Spread,
 }
@@ -160,7 +159,6 @@ struct Sample {
     stated: Vector3<f64>,
 }
 
-/// Collects samples while the drone stands on the deck.
 #[derive(Clone, Debug)]
 pub struct DeckCalibration {
     config: PredictorConfig,

@@ -41,8 +41,8 @@ config! {
         /// Standard deviation of each tag's position on the deck, each axis, m. Not used for a single tag.
         /// Source: laid by tape on printed lines.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Maximum sum of a tag's squared reprojection errors, in corner variances. Several tags together have a limit
-        /// of equal probability.
+        /// Maximum sum of a tag's squared reprojection errors, in corner variances. For several tags the limit has
+        /// the same probability.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }

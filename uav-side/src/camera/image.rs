@@ -153,7 +153,6 @@ impl GreyImage {
         let index = || row as usize * self.width + column as usize;
         inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
-    /// Pixels, row by row from the top.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }

@@ -102,7 +102,6 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
             _ => {}
         }
         open = !visible;
-        // The visible area increases with height.
         height += 0.02 + 0.05 * height;
     }
     gaps

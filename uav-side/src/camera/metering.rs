@@ -349,7 +349,7 @@ mod tests {
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // A small linear gain changes by a factor of two per step, so whites up to a stop below 225 are accepted.
+            // A small linear gain changes by a factor of two per step, so the accepted whites span one stop.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
@@ -438,7 +438,6 @@ mod tests {
     #[test]
     fn metering_on_lit_tags_in_the_dark() {
         for scale in [Scale::Linear, Scale::TenthDecibel] {
-            // Faint to bright tags.
             for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
                     let (detected, _) = night(scale, light, lamp);

@@ -56,7 +56,6 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
         Vector3::new(-h, h, 0.0),
     ]
 }
-/// Corners of a tag relative to the deck's centre.
 pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
     corners(tag.side_m).map(|corner| corner + Vector3::from(tag.centre_m))
 }

@@ -26,7 +26,6 @@ pub(crate) enum ContingencyAction {
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContingencyInput<'a> {
-    /// State of the autopilot, if armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
     pub(crate) mission: Option<&'a MissionState>,
     /// Whether the mission is silent, so that its last state is in use.
@@ -173,7 +172,6 @@ mod tests {
             (Descent, true, true, 0.4, false, Follow),
             (Descent, true, true, 5.0, true, Leave),
             (Tracking, true, true, 0.4, true, Leave),
-            // Neither plan nor mission is available.
             (Descent, false, true, 0.4, false, Leave),
             (Descent, false, true, 0.4, true, Complete),
             (Flare, false, true, 0.4, false, Leave),

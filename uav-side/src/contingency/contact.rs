@@ -224,7 +224,6 @@ mod tests {
         assert!((1.3..1.7).contains(&hard), "{hard}");
     }
 
-    /// Deck that heaves, pitches and moves forward.
     fn sea(amplitude: f64, period: f64, phase: f64, pitch: f64) -> DeckForecast {
         let w = core::f64::consts::TAU / period;
         forecast(header(1, Time::from_secs(10.0)), |t| {
@@ -249,7 +248,6 @@ mod tests {
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
             let ends = ContactOutcomes::predict(f.header.at, &f, &p, &v, &drone).unwrap();
             prop_assert!(ends.landing.speed_mps >= SINK_MPS);
-            // The contact is no harder than without braking.
             prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
             if !ends.landing_is_softer() {
                 prop_assert!(ends.climb.is_none_or(|c| c.speed_mps <= ends.landing.speed_mps + ALIKE_MPS));

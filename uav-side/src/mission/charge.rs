@@ -18,7 +18,6 @@ use crate::mission_config::MissionConfig;
 
 /// Relative error of power, wind and times.
 const MARGIN: f64 = 0.25;
-/// Step of a gauge.
 const STEP: f64 = 0.01;
 /// Time of a mode change and of the last part of a descent to ground, s.
 const ENDS_S: f64 = 10.0;
@@ -96,7 +95,6 @@ enum DeckAccess {
     Open,
 }
 
-/// Whether the drone could land on the deck now.
 pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
     let free = !matches!(s.reservation, Reservation::Others(owner) if owner != 0);
     let lands = |d: &Deck| {

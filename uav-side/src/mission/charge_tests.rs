@@ -18,7 +18,6 @@ use super::*;
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))
 }
-/// Changes that make the deck unavailable.
 const MISSING: [fn(&mut Situation); 5] = [
     |s| s.reservation = Reservation::Others(DECK_CLOSED),
     |s| s.reservation = Reservation::Others(2),
@@ -303,7 +302,6 @@ fn charge_of_a_way_home() {
 }
 
 proptest! {
-    /// The limits never become stricter as the battery empties.
     #[test]
     fn urgency_grows_as_the_charge_falls(
         b in 0.0..0.3_f64, less in 0.0..0.3_f64, home in 0.0..0.5_f64, attempt in 0.0..0.2_f64,

@@ -170,7 +170,6 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
-        // A pending order must be repeated.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
         State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),

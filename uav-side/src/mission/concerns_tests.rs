@@ -146,7 +146,6 @@ fn rows_in_every_state() {
         for (phase, progress) in states() {
             let s = with(counts);
             let mut at = (phase, progress);
-            // The condition holds, clears, and holds again.
             for round in 1..=2 {
                 let d = decide(at.0, at.1, None, &s, &config());
                 let acted = d.entered.is_some() && d.phase.state() == leads_to(phase);
@@ -175,7 +174,6 @@ fn rows_that_are_over() {
             "report" | "data" | "charge" => true,
             "touchdown" | "control" | "time" => false,
             "rest" => continue,
-            // This row does not end a landing.
             "return" => continue,
             _ => panic!("{name}: is the state restored?"),
         };

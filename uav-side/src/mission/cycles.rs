@@ -27,7 +27,6 @@ pub struct Cycles {
     pub(super) ended: Option<Reason>,
     /// Whether an operator has confirmed the next sortie.
     pub(super) ready: bool,
-    /// Time since which the charge has been sufficient.
     pub(super) charged: Option<Time<DroneClock>>,
     pub(super) tries: u32,
 }

@@ -66,7 +66,6 @@ fn next_sortie_by_charge_or_by_order() {
     let cleared = standing(|s| s.battery = Some(0.5));
     let d = step(LANDED, d.progress, None, &cleared);
     assert_eq!(d.entered.unwrap().code, SortieBegins);
-    // The order applies to cycles only.
     let d = step(
         LANDED,
         MissionProgress::default(),

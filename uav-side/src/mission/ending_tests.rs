@@ -7,7 +7,6 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// The order waits for at most a minute.
 #[test]
 fn order_that_waits_for_a_flight() {
     let given = at(10.0);
@@ -80,7 +79,6 @@ fn heights_that_disagree_in_every_phase() {
     for phase in [DESCENT, FREE_FLARE] {
         goes(&run(phase, &doubtful, 1.0), State::Tracking, HeightsDisagree);
     }
-    // A committed flare continues.
     let low = Situation {
         deck: doubtful.deck.map(|d| Deck {
             clearance_m: 0.4,

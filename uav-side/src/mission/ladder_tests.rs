@@ -41,7 +41,6 @@ fn match_for_its_time() {
     waits(&d, State::Descent, DescendingTo);
     for k in 0..=100 {
         let t = 12.0 + 0.1 * f64::from(k);
-        // The deck heaves slightly below the drone.
         d = step_at(&d, &at_clearance(t, 2.5 + 0.3 * t.sin()), None);
         if k < 100 {
             waits(&d, State::Descent, Matching);

@@ -140,7 +140,6 @@ impl LiftOffConditions<'_> {
         }
         inside(LEVELS_S * parts.norm(), sd, MAX_MPS)
     }
-    /// Probability that the deck does not rise into the drone.
     fn clear(&self, leaves: Time<DroneClock>, deck: &DeckStage) -> Option<f64> {
         let half_span_m = 0.5 * self.drone.feet_span_m[0].hypot(self.drone.feet_span_m[1]);
         let z = deck.position[2];

@@ -231,7 +231,6 @@ impl MissionNode {
         self.forced_descent = after.map(|after| (after, None));
         self
     }
-    /// Makes the mission wait for a predecessor's checkpoint first.
     #[must_use]
     pub fn as_successor(mut self) -> Self {
         self.succession.beginning = Some(MissionStartUp::default());
@@ -329,7 +328,6 @@ impl MissionNode {
         }
     }
 
-    /// Returns to tracking after the maximum time in a landing state.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
             State::Descent => {

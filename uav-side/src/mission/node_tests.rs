@@ -88,7 +88,6 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
         if k >= 500 {
-            // The forecast deepens in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
             input.forecast = Some(deck(k, t, depth));
         }

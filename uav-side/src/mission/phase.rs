@@ -42,7 +42,6 @@ pub struct Search {
 pub enum MissionPhase {
     #[default]
     Idle,
-    /// Climbs or descends vertically.
     GetAltitude {
         /// Start position, NED, north and east, m.
         from: [f64; 2],
@@ -172,7 +171,6 @@ impl MissionPhase {
     pub(super) const fn rests(&self) -> bool {
         matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
     }
-    /// Whether the drone holds until an operator orders a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
         matches!(
             self,
@@ -307,7 +305,6 @@ pub struct Decision {
     pub progress: MissionProgress,
     /// Reason for a change of state; None without a change.
     pub entered: Option<Reason>,
-    /// Reason not to enter the next state yet.
     pub waiting: Reason,
 }
 

@@ -60,7 +60,6 @@ fn blow() -> impl Strategy<Value = Blow> {
         .prop_map(
             |((mask, age_ms, position, drone), (a, b, sd, armed, mode), (stop, command, battery, repeat))| {
                 Blow {
-                    // Most inputs arrive most of the time.
                     mask: mask | mask.rotate_left(3) | mask.rotate_left(5),
                     age_ms: if age_ms < 600 { 0 } else { age_ms - 500 },
                     position,

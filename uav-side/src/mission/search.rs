@@ -88,7 +88,6 @@ impl Search {
     }
 }
 
-/// Reason against a search if its radius would be too large.
 pub(super) fn vague(deck: &Deck) -> Option<Reason> {
     let [sd_m, _] = deck.beacon?;
     let reach_m = reach_m(sd_m);

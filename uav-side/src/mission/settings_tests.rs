@@ -98,7 +98,6 @@ fn settings_while_armed_or_ordered_to_land() {
     };
     let state = after(&mut m, 1.0, &flying);
     assert!(state.settings == before && !state.settable);
-    // The autopilot's state is unknown.
     let mut m = node();
     let unknown = MissionIn {
         autopilot: None,

@@ -21,10 +21,8 @@ use alight_shared::landing::{Odds, Staying};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {
-    /// The autopilot's state is missing or stale.
     Unknown,
     Disarmed,
-    /// Armed and on the ground.
     OnGround,
     /// Armed, controlled by a pilot or by the autopilot itself.
     OtherControl(AutopilotMode),
@@ -341,7 +339,6 @@ pub struct Situation {
     pub tilt_excess_rad: f64,
     /// RMS oscillation of the commanded tilt beyond what plan and wind require, rad.
     pub swing_rad: f64,
-    /// Probabilities of a landing from here.
     pub odds: Option<Odds>,
     pub forced_descent: Option<Time<DroneClock>>,
     /// Probability above which waiting for a better time does not pay.
@@ -358,7 +355,6 @@ pub struct Situation {
     pub reservation: Reservation,
     /// Reason if the vessel reports different deck dimensions.
     pub other_deck: Option<Reason>,
-    /// Course announced by the vessel's helm.
     pub course: Course,
     /// Reason why the camera cannot detect a tag: darkness or glare.
     pub dark: Option<Reason>,
@@ -376,9 +372,7 @@ pub struct Situation {
     /// Whether another drone has requested the deck on which this drone stands.
     pub deck_wanted: bool,
     pub not_cleared: Option<Reason>,
-    /// Whether the autopilot reports ground contact.
     pub on_ground: bool,
-    /// Charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
     pub sortie: SortieEvidence,
     pub leaving: TakeOffEvidence,

@@ -266,7 +266,6 @@ fn station_after_a_silence() {
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
         let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
-        // The vessel is back, 490 m further away.
         let back = flying(|s| {
             high(s);
             s.deck.as_mut().unwrap().distance_m = 490.0;
@@ -297,7 +296,6 @@ fn station_ended_by_an_order() {
     };
     let d = commanded(&on_station(), CommandKind::Station(other), &s);
     assert_eq!(d.phase.station().map(|kept| kept.station), Some(other));
-    // A rejected order does not change the station.
     let low = CommandKind::Station(Station { height_m: 3, ..ABEAM });
     let d = commanded(&on_station(), low, &s);
     assert_eq!(

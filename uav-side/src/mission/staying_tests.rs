@@ -27,7 +27,6 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
     Staying::of(&Slopes::of(Some(&f), &wind), &support).probability
 }
 
-/// Four-second waves with this slope.
 fn waves(s: i8) -> [i8; 48] {
     core::array::from_fn(|k| (f64::from(s) * (core::f64::consts::TAU * k as f64 / 16.0).sin()).round() as i8)
 }

@@ -149,7 +149,6 @@ pub(super) fn set_points_lost(
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
-/// Ends a take-off before anything was commanded.
 fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)

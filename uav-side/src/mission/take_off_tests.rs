@@ -28,7 +28,6 @@ pub(super) fn permits() -> MissionConfig {
 fn moments(now: LiftOff) -> Option<Moments> {
     Some(Moments { now, later: None })
 }
-/// Disarmed drone on a suitable deck.
 pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
@@ -201,7 +200,6 @@ fn moment_of_the_take_off() {
         at_moment(8.6, |s| s.motors_stopped = true),
         (State::StandDown, SpinningUp)
     );
-    // It waits for a better moment while the autopilot stays armed.
     let better: fn(&mut Situation) = |s| {
         s.leaving.lift_off = Some(Moments {
             now: LiftOff { along: 0.96, ..SURE },

@@ -392,14 +392,12 @@ fn approach_conditions() {
     goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
         (undetected, 5.0, Stay(Approach, NoVision)),
-        // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
         (fair(), 1.0, Enter(Tracking, InSight)),
         // Above the deck it is too dark; away from the deck no detection is expected.
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
         (blinded, 5.0, Stay(Approach, Glare)),
-        // Neither vision nor radio is available.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];
     table(MissionPhase::APPROACH, rows);

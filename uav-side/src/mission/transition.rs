@@ -126,7 +126,6 @@ fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: 
     }
 }
 
-/// Transitions common to all states.
 fn interrupted(
     phase: MissionPhase,
     progress: &mut MissionProgress,

@@ -469,7 +469,6 @@ mod tests {
                         "{jump}: {:?}",
                         s.datum_offset
                     );
-                    // A set-point in the autopilot's frame leads to the same position.
                     let here = SetPoint {
                         kind: SetPointKind::Trajectory,
                         position: s.position,

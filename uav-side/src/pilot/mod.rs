@@ -108,7 +108,6 @@ pub struct Pilot {
     jump: Option<(Time<DroneClock>, Option<Rise>)>,
     /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
-    /// Whether the landing continues without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,

@@ -494,7 +494,6 @@ mod tests {
 
     #[test]
     fn swing_of_the_loop_without_dead_time() {
-        // Deck that moves sideways.
         let waves = |t: f64| 0.8 * (1.2 * t).sin() + 0.4 * (2.9 * t).cos();
         let (old, factor) = swing(true, waves);
         println!("old: {old:.1} deg, factor {factor:.2}");

@@ -13,7 +13,6 @@ use crate::fixtures::{airborne, forecast, mission, plan};
 const FEET: f64 = 0.30;
 const STEP: f64 = 0.001;
 
-/// Deck that heaves and pitches with one period.
 #[derive(Clone, Copy)]
 struct Sea {
     amplitude: f64,
@@ -43,7 +42,6 @@ impl Sea {
 enum Task {
     /// Clearance and time at the start of a descent at 0.5 m/s that ends 0.3 m below the deck's plane.
     Land(f64, f64),
-    /// Clearance above the moving deck.
     Follow(f64),
     /// NED height of the feet.
     Stay(f64),

@@ -30,7 +30,6 @@ type DroneTime = Time<DroneClock>;
 pub struct Touchdown {
     /// `at` is the time of confirmation.
     pub header: Header<DroneClock>,
-    /// Time of the first suspicion of contact.
     pub suspected_at: Time<DroneClock>,
     /// Rangefinder reading, m; None without one.
     pub range_m: Option<f64>,
@@ -203,7 +202,6 @@ impl TouchdownDetector {
     pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
-    /// Resets the detector to the state in the air.
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);

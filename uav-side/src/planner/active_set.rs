@@ -50,7 +50,6 @@ struct Slack {
     value: f64,
 }
 
-/// Exact solver of a chain that allocates all its memory once.
 #[derive(Clone, Debug)]
 pub(super) struct ActiveSet<const N: usize> {
     model: DiscreteModel<N, 1>,

@@ -84,7 +84,6 @@ impl RotorLimits {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotorBounds {
-    /// Lower and upper bound.
     pub thrust: [f64; 2],
     pub tilt: f64,
     pub yaw: f64,

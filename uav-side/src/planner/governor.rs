@@ -71,7 +71,6 @@ impl<const D: usize> GovernedMotion<D> {
 /// Reference point that approaches a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
-    /// Position relative to the target.
     pub gap: GovernedMotion<D>,
     /// Last update: time, kind of target, and target.
     from: Option<(Time<DroneClock>, bool, GovernedMotion<D>)>,

@@ -97,7 +97,6 @@ pub struct Planner {
     forecast: Latest<DeckForecast>,
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
-    /// Number of starts from the measured state.
     resets: u32,
 }
 

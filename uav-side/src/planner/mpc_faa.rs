@@ -73,7 +73,6 @@ impl Side {
 }
 
 impl Problem {
-    /// Weight of the tilt at the first stage.
     pub fn alignment(&self) -> f64 {
         self.weight.first().map_or(0.0, |w| w[3])
     }

@@ -103,7 +103,6 @@ impl<const N: usize> ChainLimits<N> {
 pub struct QpInstance<'a, const N: usize> {
     pub state: SVector<f64, N>,
     pub previous_input: f64,
-    /// References and weights, one per stage.
     pub cost: &'a [StageCost<N>],
     /// Upper bound of the first state per stage if the chain has one ([`NO_CEILING`]: unbounded).
     pub ceiling: &'a [f64],

@@ -399,7 +399,6 @@ impl ReferenceGenerator {
                 d.position[1] - q.start[state::EAST],
             )
         });
-        // Heading and its rate at stage k.
         let target = |k: usize| match (q.goal, deck.get(k)) {
             (Goal::Hold | Goal::Leave, _) | (_, None) => (q.hold[3], 0.0),
             (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),

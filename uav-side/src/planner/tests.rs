@@ -135,7 +135,6 @@ impl Bench {
     }
 }
 
-/// Mission above the deck or in a descent onto it.
 fn landing(state: Mode) -> MissionState {
     MissionState {
         state,

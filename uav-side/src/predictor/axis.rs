@@ -30,7 +30,6 @@ pub const VISION: usize = 3;
 pub const DRIFT: usize = 4;
 /// Rotation of vision, rad. Multiplied by the distance along the line of sight, it gives the shift of a detection.
 pub const TURN: usize = 5;
-/// Maximum number of states.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
 /// Reading of the vessel's compass minus that of the drone's, rad. Tilt refers to a vessel that heads north by its own
@@ -132,7 +131,6 @@ impl AxisNoise {
 pub struct OscillatorStep {
     pub dt: f64,
     pub count: usize,
-    /// Transitions by degree of freedom.
     transitions: [OscillatorTransition; AXES],
 }
 
@@ -185,7 +183,6 @@ impl OscillatorTransition {
     }
 }
 
-/// Mean and covariance of one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     /// Number of states in use.

@@ -333,7 +333,6 @@ mod tests {
             "{known:?}"
         );
         assert!(track.known(Time::from_secs(30.5), &drone()).is_none());
-        // The uncertainty increases during silence.
         let later = track.known(Time::from_secs(29.0), &drone()).unwrap();
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
     }
@@ -367,7 +366,6 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame and the position move together.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()

@@ -303,7 +303,6 @@ impl Horizon {
 
 struct Mean {
     stage: DeckStage,
-    /// By degree of freedom.
     rate: [f64; AXES],
     acceleration: [f64; AXES],
     /// Sine and cosine of the compass heading.

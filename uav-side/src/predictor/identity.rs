@@ -195,7 +195,6 @@ impl Deck {
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// Whether this deck is the own deck and the other is not.
     fn is_clear_of(&self, other: &Deck) -> bool {
         let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
         let place = 0.5 * (apart(other) - apart(self));
@@ -365,7 +364,6 @@ impl Decks {
             }
         }
     }
-    /// Other decks that may be the own deck.
     fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
         let deck = self.decks.get(k);
         let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);

@@ -53,7 +53,6 @@ pub struct PredictorIn {
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
     pub relative: Vec<RelativePlace>,
-    /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 

@@ -178,7 +178,6 @@ impl RelativeTrust {
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
-    /// Records that the filter has fused a relative position.
     pub(super) fn count(&mut self, at: Time<DroneClock>) {
         self.used = Some(at);
     }
@@ -186,7 +185,6 @@ impl RelativeTrust {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
 
-    /// Whether a detection can be compared with a fixed solution.
     pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
         (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
     }

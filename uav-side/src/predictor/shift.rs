@@ -193,7 +193,6 @@ mod tests {
                 self.newest = Some((stage.position.into(), drone.position()));
             }
         }
-        /// Detects the deck at its estimated position.
         fn detect(&mut self) {
             self.detection = Some(self.apart());
         }
@@ -306,7 +305,6 @@ mod tests {
 
     #[test]
     fn deck_detected_a_minute_ago_at_a_jump() {
-        // The odometry has drifted by more than the radio's error.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);
         b.detect();

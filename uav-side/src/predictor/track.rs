@@ -174,7 +174,6 @@ mod tests {
             jump.datum == Vector3::new(-5.0, 0.0, 0.4) && jump.moved == Vector3::zeros() && jump.yaw == 0.0
         );
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 1.0).abs() < 1e-9);
-        // A detection keeps its position.
         let point = Vector3::new(3.0, 1.0, 1.0);
         assert_eq!(jump.of(&point), point);
     }

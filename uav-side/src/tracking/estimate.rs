@@ -88,7 +88,6 @@ impl FlightEstimator {
             self.lift = low_pass(self.lift, wrong.clamp(-max, max), dt, c.lift_time_s);
         }
     }
-    /// Applies the first-order lag from commanded to actual thrust.
     pub(crate) fn commanded(&mut self, thrust: Option<f64>, dt: f64, lag: f64) {
         self.commanded_s = thrust.map_or(0.0, |_| self.commanded_s + dt);
         self.applied = thrust.map(|u| low_pass(self.applied, u, dt, lag));

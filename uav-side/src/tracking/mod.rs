@@ -77,7 +77,6 @@ pub(crate) struct Tracker {
 }
 
 impl Tracker {
-    /// Clears the state, e.g. after the autopilot has closed the loop.
     pub(crate) fn reset(&mut self) {
         *self = Tracker::default();
     }

@@ -218,7 +218,6 @@ fn camera_that_repeats_an_image() {
         .tags
         .len()
     };
-    // The drone moves on while the image stays the same.
     let poses: Vec<usize> = [120, 120, 120, 121, 120]
         .into_iter()
         .zip(1..)

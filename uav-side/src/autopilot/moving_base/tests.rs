@@ -283,7 +283,6 @@ fn texts_of_the_relative_place_on_change() {
         (1.0, Some(float)),
         (2.0, Some(fixed)),
         (3.0, Some(fixed)),
-        // A short loss, then a longer one.
         (4.0, Some(float)),
         (5.0, Some(fixed)),
         (8.0, Some(float)),

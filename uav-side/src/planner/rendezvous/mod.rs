@@ -77,7 +77,6 @@ struct DescentPlan {
 }
 
 impl DescentPlan {
-    /// Whether the descent ends above the deck, without contact.
     fn stops_above(&self) -> bool {
         self.lifted_m > 0.0
     }

@@ -249,6 +249,5 @@ fn forecast_with_reordered_messages() {
         b.horizontal < a.horizontal + 0.03 && b.tilt < a.tilt + 0.005,
         "{a:?} {b:?}"
     );
-    // These messages are older than the filter.
     assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }
