@@ -29,7 +29,7 @@ pub(super) struct LinkSuccession {
 }
 
 impl AutopilotLink {
-    /// Reads the predecessor's checkpoint once at the start. Boot number 0 means that there is none.
+    /// Reads the predecessor's checkpoint once at the start. Boot number 0 means no checkpoint.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         let s = &mut self.succession;
         if s.has_begun {

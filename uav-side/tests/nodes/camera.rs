@@ -1,4 +1,4 @@
-//! Arbitrary images and damaged files cause no panic, no false detection and no memory growth.
+//! Arbitrary images and damaged files cause no panic, no false detection and no increasing memory use.
 //!
 //! To run for minutes: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test nodes
 //! camera::`.
