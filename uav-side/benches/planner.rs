@@ -1,7 +1,7 @@
-//! `cargo bench -p alight-uav --bench planner`: the planner's step (references, solve, message) over recorded
-//! landings, then criterion on a free and a limited solve of both planners.
+//! `cargo bench -p alight-uav --bench planner` times the planner's step (references, solve, message) over
+//! recorded landings, then runs criterion on an unconstrained and a constrained solve of both planners.
 
-// Parts used only by the planner's tests.
+// Parts that only the planner's tests use.
 #[allow(dead_code)]
 mod approach;
 #[allow(dead_code)]
@@ -19,7 +19,7 @@ use approach::{ABOVE, Approach, BenchSea, MODERATE};
 use planner::mpc_faa::{Mpc, Problem, Solution};
 use planner::{Planner, PlannerConfig, PlannerKind};
 
-// A benchmark is a shell, not a node: it may read a clock.
+// A benchmark is a shell, not a node, so it may read a clock.
 #[allow(clippy::disallowed_methods)]
 fn timed<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let start = Instant::now();
@@ -51,7 +51,7 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
     let (mut steps, mut recorded): (Vec<Duration>, Vec<(Problem, u32)>) = Default::default();
     for phase in [0.0, 2.0, 4.0] {
         let mut planner = Planner::new(config, &drone, &deck, 1);
-        // Last metres of the approach, tracking, descent, flare, contact.
+        // Covers the last metres of the approach, then tracking, descent, flare and contact.
         let from = [ABOVE[0] - 4.0, ABOVE[1] + 3.0, ABOVE[2]];
         let mut approach = Approach::new(BenchSea { phase, ..MODERATE }, from, 2.0);
         while approach
@@ -69,7 +69,7 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
     steps.sort_unstable();
     let quantile = |q: f64| steps.get(((steps.len() as f64 - 1.0) * q).round() as usize);
     println!(
-        "{name}: step, all of it: p50 {:?}, p99 {:?}, longest {:?} of {}, {} limited, most iterations {}",
+        "{name}: whole step: p50 {:?}, p99 {:?}, longest {:?} of {}, {} limited, most iterations {}",
         quantile(0.5).copied().unwrap_or_default(),
         quantile(0.99).copied().unwrap_or_default(),
         quantile(1.0).copied().unwrap_or_default(),

@@ -1,5 +1,6 @@
-//! The drone's computer: its nodes in the order of the data flow. Read this first: each row is a process, wired by the
-//! `wiring!` in its node's file. Rows run over shared memory on a drone and in lock-step in the simulated world.
+//! The drone's computer: its nodes in the order of the data flow. Read this file first: each row is a process, wired by
+//! the `wiring!` in its node's file. The rows run over shared memory on a drone and in lock-step in the simulated
+//! world.
 
 use alight_bridge::{Bridge, BridgeConfig};
 use alight_shared::bus::computer;
@@ -16,8 +17,8 @@ use crate::predictor::Predictor;
 use crate::settings::DroneSettings;
 
 computer! {
-    /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice in a round:
-    /// first it reads, last it sends the pilot's set-point. Nodes with a checkpoint start as successors.
+    /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice per round: first to
+    /// read, last to send the pilot's set-point. Nodes with a checkpoint start as successors.
     DroneRows of DroneNodes {
         /// Drone end of the radio link: the vessel's messages, stamped with the drone's clock.
         bridge: Bridge => ProcessKind::Bridge, |nodes, boot| {
@@ -53,7 +54,7 @@ computer! {
             Pilot::new(&nodes.drone.pilot, &nodes.drone.airframe, nodes.id(), boot)
         };
     }
-    /// The drone's processes: there is no other list of them.
+    /// The only list of the drone's processes.
     PROCESSES: Installed, RowVisitor
 }
 

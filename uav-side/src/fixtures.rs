@@ -63,7 +63,6 @@ pub(crate) fn drone(header: Header<DroneClock>, position: [f64; 3]) -> DroneStat
     }
 }
 
-/// Autopilot of a drone that hovers under our control.
 pub(crate) fn airborne(header: Header<DroneClock>) -> AutopilotState {
     AutopilotState {
         header,

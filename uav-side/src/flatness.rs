@@ -1,15 +1,15 @@
-//! Differential flatness of a multirotor: attitude and thrust from thrust vector and heading (Mellinger and Kumar 2011,
-//! section III); lead compensation of the attitude loop's lag.
+//! Differential flatness of a multirotor: attitude and thrust from a thrust vector and heading (Mellinger and Kumar
+//! 2011, section III), and lead compensation of the attitude loop's lag.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::DeckStage;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-/// Attitude whose up axis lies along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
+/// Attitude with its up axis along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).
 ///
 /// With `R = Rz(yaw) Ry(pitch) Rx(roll)` the down axis in the heading frame is `[sin pitch cos roll, -sin roll, cos
-/// pitch cos roll]`; this function inverts it. Level when `thrust` is too short to have a direction.
+/// pitch cos roll]`; this function inverts it. Level if `thrust` is too short to define a direction.
 pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let norm = thrust.norm();
     if norm.is_nan() || norm < 1e-6 {
@@ -21,23 +21,23 @@ pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Horizontal acceleration (NED, m/s²) of a drone aligned with the normal `n` of `deck`, at a constant height
-/// over it: `(g - a_z) n_xy / -n_z`.
+/// Horizontal acceleration (NED, m/s²) of a drone that is aligned with the normal `n` of `deck` and keeps its height
+/// above it: `(g - a_z) n_xy / -n_z`.
 pub fn aligned_acceleration(deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
     let up = (-n.z).max(0.3);
     Vector2::new(n.x, n.y) * ((GRAVITY - deck.acceleration[2]) / up)
 }
 
-/// Specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical component balances gravity and yields the
+/// Specific thrust (NED, m/s²) along the up axis of `attitude` whose vertical component balances gravity and gives the
 /// acceleration `vertical` (NED z, m/s²).
 pub fn thrust_of_attitude(attitude: &UnitQuaternion<f64>, vertical: f64, gravity: f64) -> Vector3<f64> {
     let up = attitude * -Vector3::z();
-    // Beyond 75 deg the vertical component is limited, so that the thrust stays bounded.
+    // Beyond 75 deg the vertical component is limited, which bounds the thrust.
     let lift = (-up.z).max(0.26);
     up * ((gravity - vertical).max(0.0) / lift)
 }
 
-/// `thrust`, pointing up, with its horizontal component limited to a tilt of `tilt` (rad).
+/// Upward `thrust` with its horizontal component limited to a tilt of `tilt` (rad).
 pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f64> {
     let up = (-thrust.z).max(min_up);
     let horizontal = thrust.x.hypot(thrust.y);
@@ -46,7 +46,7 @@ pub fn tilt_limited(thrust: &Vector3<f64>, tilt: f64, min_up: f64) -> Vector3<f6
     Vector3::new(thrust.x * fraction, thrust.y * fraction, -up)
 }
 
-/// `attitude` limited to a tilt of `tilt` (rad) from the vertical, in the same direction.
+/// `attitude` with its tilt from the vertical limited to `tilt` (rad) in the same direction.
 pub fn upright(attitude: &UnitQuaternion<f64>, tilt: f64) -> UnitQuaternion<f64> {
     let up = attitude * -Vector3::z();
     let sideways = up.xy().norm();

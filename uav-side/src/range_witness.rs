@@ -1,10 +1,9 @@
-//! Consistency check of a rangefinder: its readings have to follow the drone's motion.
+//! Consistency check of a rangefinder: its readings must follow the drone's motion.
 //!
-//! Spray, a wet window or a defect freezes a rangefinder at one reading, which it repeats with fresh stamps.
-//! A reading is evidence of a height only while it changes with the height: over every displacement `w` of at
-//! least [`WAY_M`] along the deck's normal, by odometry and forecast within [`WITHIN_S`], the readings have
-//! to change by `d` with `|d - w| <= WRONG_BY |w|`. Otherwise they are rejected until they follow such a
-//! displacement.
+//! Spray, a wet window or a defect freezes a rangefinder at one reading, which it repeats with fresh time stamps. A
+//! reading is evidence of a height only while it changes with the height. Over every displacement `w` of at least
+//! [`WAY_M`] along the deck's normal, from odometry and forecast within [`WITHIN_S`], the readings must change by `d`
+//! with `|d - w| <= WRONG_BY |w|`. Otherwise they are rejected until they follow such a displacement.
 
 use alight_shared::estimation::median;
 use alight_shared::time::{DroneClock, Time};
@@ -13,7 +12,8 @@ type DroneTime = Time<DroneClock>;
 
 /// Displacement over which readings are checked, m: ten times the noise of their median.
 const WAY_M: f64 = 0.4;
-/// Time limit of that displacement, s: velocities err by 0.1 to 0.3 m/s, which must stay below [`WRONG_BY`] of it.
+/// Time limit of that displacement, s: velocities are wrong by 0.1 to 0.3 m/s, which must stay below [`WRONG_BY`] of
+/// the displacement.
 const WITHIN_S: f64 = 1.5;
 /// Tolerated difference between readings and displacement, as a fraction of the displacement.
 const WRONG_BY: f64 = 0.75;
@@ -21,8 +21,7 @@ const MEDIAN: usize = 5;
 /// Difference between the heights by rangefinder and forecast above which they contradict each other, m.
 const APART_M: f64 = 0.5;
 
-/// Largest distance by which a deck can be nearer to the rangefinder than the feet, m. A shorter reading is
-/// invalid.
+/// Maximum distance by which a deck can be closer to the rangefinder than the feet, m. A shorter reading is invalid.
 pub(crate) const BELOW_FEET_M: f64 = 0.10;
 
 /// Whether two heights of the feet contradict each other; an unknown height contradicts nothing.
@@ -42,11 +41,12 @@ pub(crate) struct RangeWitness {
 }
 
 impl RangeWitness {
-    /// The readings did not follow the last checked displacement.
+    /// Whether the readings failed to follow the last checked displacement.
     pub(crate) fn contradicts(&self) -> bool {
         self.contradicts
     }
-    /// Integrates the speed away from the deck along its normal over `dt` (s); None: unknown, restarts the check.
+    /// Integrates the speed away from the deck along its normal over `dt` (s). None means unknown and restarts the
+    /// check.
     pub(crate) fn moves(&mut self, dt: f64, speed_mps: Option<f64>) {
         match speed_mps.filter(|v| v.is_finite()) {
             Some(v) => self.way_m += v * dt,
@@ -78,7 +78,7 @@ impl RangeWitness {
 mod tests {
     use super::*;
 
-    /// Descent at `sink` (m/s) with `read(height)` at 50 Hz and a speed that errs by `error`.
+    /// Descent at `sink` (m/s) with readings `read(height)` at 50 Hz and a speed that is wrong by `error`.
     fn descends(height: f64, until: f64, sink: f64, error: f64, read: impl Fn(f64) -> f64) -> RangeWitness {
         let (mut w, mut h, mut t) = (RangeWitness::default(), height, 10.0);
         let mut k = 0_u32;
@@ -117,7 +117,7 @@ mod tests {
             );
             assert!(descends(2.0, 0.1, 0.5, error, |h| if h > 0.7 { h + 0.2 } else { 0.2 }).contradicts());
         }
-        // Centimetres taken for metres, and the reverse.
+        // Centimetres interpreted as metres, and the reverse.
         assert!(descends(2.0, 0.0, 0.5, 0.0, |h| 100.0 * h).contradicts());
         assert!(descends(2.0, 0.0, 0.5, 0.0, |h| 0.01 * h).contradicts());
         // A sensor that detects the water below a wet deck follows the motion; only a comparison of heights reveals it.

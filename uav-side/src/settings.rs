@@ -13,7 +13,7 @@ use crate::planner::{PlannerConfig, PlannerKind};
 use crate::predictor::PredictorConfig;
 
 /// Clearance at which the paper's planner flares, m. Not published; v_fa = 0.5 m/s for a second. Below 0.55 m the tag
-/// is out of view, so that a flare from 0.9 m adds 0.25 s of drift before the contact. Seeds from 100, errors with 0.9
+/// is out of view, so a flare from 0.9 m adds 0.25 s of drift before contact. Seeds from 100, position errors with 0.9
 /// m and 0.5 m: 0,0 0.048 and 0.037 m, 0.5,5 0.064 and 0.047, 0.4,4 0.071 and 0.058, 0.8,5 0.091 and 0.074; tilt p95 at
 /// 0.5,5 1.37 and 1.03 deg; all land at the same speed.
 const PAPER_FLARE_M: f64 = 0.5;
@@ -35,7 +35,7 @@ impl PlannerKind {
 config! {
     /// Configuration of the drone's camera, predictor, mission, planner and pilot.
     pub struct DroneSettings {
-        /// The drone's geometry and mass, as measured by its owner.
+        /// Geometry and mass of the drone, as measured by its owner.
         pub airframe: DroneGeometry;
         /// The deck to land on.
         pub deck: DeckGeometry;
@@ -57,13 +57,13 @@ config! {
             !this.mission.takeoff || this.pilot.output == Output::Attitude,
             "mission.takeoff",
             this.mission.takeoff,
-            "false with pilot.output = \"trajectory\": only an attitude and a thrust lift a drone off a deck that moves",
+            "false with pilot.output = \"trajectory\": a take-off from a moving deck needs attitude and thrust set-points",
         )?;
     }
 }
 
 impl DroneSettings {
-    /// Tags of the deck; a single tag has the number in the detector's settings.
+    /// Tags of the deck; a single tag has the number from the detector's settings.
     pub fn tags(&self) -> Tags {
         let id = self.deck.tag_side_m.map(|_| self.camera.tag.id);
         let numbered = |tag: &DeckTag| DeckTag {
@@ -80,7 +80,7 @@ impl DroneSettings {
             ..self.predictor.clone()
         }
     }
-    /// Mission configuration as the chosen planner needs it.
+    /// Mission configuration as the selected planner needs it.
     pub fn mission(&self) -> MissionConfig {
         let mission = MissionConfig {
             search_view_m: layout::search_view(&self.tags(), &self.camera),

@@ -1,36 +1,33 @@
-//! Evidence that a drone with turning rotors stands on the deck. A forced disarm and a reduced thrust depend
-//! on it.
+//! Evidence that a drone with turning rotors stands on the deck. A forced disarm and a reduced thrust depend on it.
 //!
-//! Two witnesses have to agree, and none may contradict. The first is support: at a low thrust, as reported by the
-//! autopilot, the specific force stays near gravity only when something other than the rotors carries the drone, and
-//! drops in a fall. The second is a height, which a drone that hovers low over the deck has too: the rangefinder, the
-//! rise since the rotors could first lift the drone, the autopilot's own ground report. No height contradicts the
-//! support: a rangefinder may stick.
+//! Two witnesses must agree, and none may contradict them. The first is support: at a low thrust, as reported by the
+//! autopilot, the specific force stays near gravity only if something other than the rotors carries the drone, and
+//! drops in a fall. The second is a height, which a drone that hovers low above the deck also has: the rangefinder, the
+//! rise since the rotors could first lift the drone, or the autopilot's own ground report. A height cannot contradict
+//! the support, because a rangefinder may stick.
 
 use alight_shared::time::{DroneClock, Span, Time};
 
 use crate::range_witness::BELOW_FEET_M;
 
-/// Thrust of a supported drone, as a fraction of hover, and thrust from which the rotors may carry it. Before
+/// Maximum thrust of a supported drone, as a fraction of hover, and thrust from which the rotors may carry it. Before
 /// the first flight the hover thrust is known to within a third; [`LOW_OF_HOVER`] then still yields less than
 /// [`CARRIED_G`].
 const LOW_OF_HOVER: f64 = 0.5;
 const LIFTS_OF_HOVER: f64 = 0.9;
-/// Specific force of a supported drone, as a fraction of gravity, and of a falling one.
+/// Specific forces of a supported and of a falling drone, as fractions of gravity.
 const CARRIED_G: f64 = 0.75;
 const FALLS_G: f64 = 0.6;
-/// Durations for which support and fall must last: several time constants of the specific force, and the
-/// rotors' lag.
+/// Durations for which support and fall must last: several time constants of the specific force, and the rotors' lag.
 const CARRIED: Span = Span::from_millis(300);
 const FALLS: Span = Span::from_millis(100);
 const LIFTS: Span = Span::from_millis(300);
-/// Time after which a height contradicts the support, which is known earlier for a just-armed drone.
+/// Time after which a height contradicts the support, which is known earlier for a drone that has just been armed.
 const ABOVE: Span = Span::from_millis(400);
-/// Heights of the feet that count as on the deck and above it, m; rangefinder, tilt and a sinking deck cause
-/// errors.
+/// Heights of the feet that count as on the deck and above it, m; rangefinder, tilt and a sinking deck cause errors.
 const ON_DECK_M: f64 = 0.15;
 const ABOVE_M: f64 = 0.35;
-/// Time after the thrust is cut within which both witnesses have to agree.
+/// Time after the thrust is cut within which both witnesses must agree.
 pub(crate) const WITNESSED_WITHIN_S: f64 = 0.7;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,8 +47,8 @@ pub(crate) fn by_height(height_m: Option<f64>) -> Option<bool> {
     }
 }
 
-/// Evidence from a rangefinder. A reading shorter than the distance to the feet is ignored: out of range it
-/// is 0.
+/// Evidence from a rangefinder. A reading shorter than the distance to the feet is ignored, because out of range it is
+/// 0.
 pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
     by_height(height_m.filter(|m| *m >= -BELOW_FEET_M))
 }
@@ -65,8 +62,8 @@ pub(crate) struct StandingMonitor {
 }
 
 impl StandingMonitor {
-    /// Verdict from `thrust` (fraction of hover), specific `force` (fraction of gravity), each None without a
-    /// recent report, and the evidence of `heights`.
+    /// Verdict from `thrust` (fraction of hover) and specific `force` (fraction of gravity), each None without a recent
+    /// report, and from the evidence of `heights`.
     pub(crate) fn step(
         &mut self,
         now: Time<DroneClock>,
@@ -106,7 +103,7 @@ impl StandingMonitor {
 mod tests {
     use super::*;
 
-    /// Verdict after half a second with constant evidence.
+    /// Verdict after half a second of constant evidence.
     fn after(thrust: Option<f64>, force: Option<f64>, heights: &[Option<bool>]) -> StandingVerdict {
         let mut m = StandingMonitor::default();
         let steps = (0..50).map(|k| m.step(Time::from_secs(0.01 * f64::from(k)), thrust, force, heights));
@@ -120,19 +117,18 @@ mod tests {
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
             (Some(0.0), Some(1.0), [None, yes, None], Stands),
-            // A single witness is not sufficient, nor are the heights of a drone that hovers next to the
-            // deck.
+            // A single witness is not sufficient, nor are the heights of a drone that hovers next to the deck.
             (None, None, [yes, yes, yes], Unknown),
             (Some(0.8), Some(1.0), [yes, yes, yes], Unknown),
-            // It hovers; hover thrust was assumed a fifth too high.
+            // The drone hovers, with a hover thrust that was assumed a fifth too high.
             (Some(0.65), Some(0.8), [yes, None, None], Unknown),
             (Some(0.3), Some(1.0), [None, None, None], Unknown),
             (None, None, [yes, None, None], Unknown),
             (Some(0.3), None, [None, yes, None], Unknown),
-            // A rangefinder stuck at a height does not contradict the support by the deck.
+            // A rangefinder that is stuck at a height does not contradict the support by the deck.
             (Some(0.3), Some(1.0), [no, yes, None], Stands),
             (Some(0.3), Some(1.0), [no, None, None], Unknown),
-            // One contradiction suffices: a height, a fall, rotors that carry.
+            // One contradiction suffices: a height, a fall, or rotors that carry the drone.
             (None, None, [yes, no, yes], Flies),
             (Some(0.3), Some(0.3), [yes, yes, yes], Flies),
             (Some(1.0), Some(1.0), [yes, None, yes], Flies),
@@ -147,7 +143,7 @@ mod tests {
         assert_eq!(by_height(Some(f64::NAN)), None);
     }
 
-    /// From arming on, a rangefinder that is stuck at a height does not make a drone airborne.
+    /// From arming on, a rangefinder that is stuck at a height does not make a drone count as airborne.
     #[test]
     fn range_of_a_sensor_out_of_its_range() {
         let feet_m = 0.3;

@@ -1,8 +1,8 @@
 //! Passage of keep-out volumes, above or on a side.
 //!
 //! A volume is widened by the drone's size and errors ([`margin_m`]) and moves with the predicted deck. In the deck's
-//! frame a point is `q = R' (p - c)` with the deck's centre `c`. A drone passes a volume on the face beyond which it is
-//! now; `n . (p - c) >= b` holds at every stage, where the face's normal `n` is turned by that stage's `R`.
+//! frame a point is `q = R' (p - c)` with the deck's centre `c`. A drone passes a volume outside the face that it is
+//! beyond now: `n . (p - c) >= b` holds at every stage, where the face's normal `n` is rotated by that stage's `R`.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::DeckStage;
@@ -11,9 +11,9 @@ use nalgebra::{Vector2, Vector3};
 
 /// Horizontal distance from the deck's centre within which deck and obstacles can reach the drone, m.
 pub(crate) const WITH_DECK_M: f64 = 10.0;
-/// Errors of forecast and tracking near the deck, m: the planner's reset distance halved.
+/// Errors of forecast and tracking near the deck, m: half of the planner's reset distance.
 const MARGIN_M: f64 = 0.5;
-/// Angle from one waypoint to the next on the way round the vessel, rad.
+/// Angle between waypoints on the path round the vessel, rad.
 const AHEAD_RAD: f64 = core::f64::consts::FRAC_PI_6;
 /// Angle from the sector's edges at which a drone counts as inside, rad; in a narrow sector a quarter of its width.
 const EDGE_RAD: f64 = 0.17;
@@ -22,7 +22,7 @@ pub(crate) fn margin_m(drone: &DroneGeometry) -> f64 {
     drone.body_radius_m() + MARGIN_M
 }
 
-/// Distance from the deck's centre within which a drone is with the vessel, m.
+/// Distance from the deck's centre within which a drone counts as at the vessel, m.
 pub(crate) fn ring_m(around: &Surroundings, drone: &DroneGeometry) -> f64 {
     if around.keep_out.is_empty() {
         return WITH_DECK_M;
@@ -30,8 +30,8 @@ pub(crate) fn ring_m(around: &Surroundings, drone: &DroneGeometry) -> f64 {
     WITH_DECK_M.max(around.reach_m() + margin_m(drone))
 }
 
-/// Waypoint (relative to the deck's centre, NED, m) on the way round the vessel from `from` to the approach sector;
-/// None within the sector. `admitted`: the drone was within the sector before.
+/// Waypoint (relative to the deck's centre, NED, m) on the path round the vessel from `from` to the approach sector;
+/// None within the sector. `admitted`: whether the drone was within the sector before.
 pub(crate) fn way_round(
     around: &Surroundings,
     drone: &DroneGeometry,
@@ -52,7 +52,7 @@ pub(crate) fn way_round(
     Some(Vector2::new(next.cos(), next.sin()) * radius)
 }
 
-/// Position in the drone's NED, in the deck's frame, m.
+/// Converts a position from the drone's NED to the deck's frame, m.
 pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
     deck.rotation().transpose() * (p - Vector3::from(deck.position))
 }
@@ -60,7 +60,7 @@ pub(crate) fn in_deck(deck: &DeckStage, p: &Vector3<f64>) -> Vector3<f64> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Face {
     Top,
-    /// The deck's axis (0: forward, 1: right) and its sign.
+    /// Axis of the deck (0: forward, 1: right) and its sign.
     Side(usize, f64),
 }
 
@@ -73,7 +73,7 @@ fn bound(volume: &KeepOut, axis: usize, sign: f64) -> f64 {
     })
 }
 
-/// A widened volume and the face beyond which the drone stays.
+/// Widened volume, and the face beyond which the drone stays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Passage {
     volume: KeepOut,
@@ -82,9 +82,9 @@ pub(crate) struct Passage {
 }
 
 impl Passage {
-    /// Face by which a drone at `here` passes the volume: the top if the drone is higher. Otherwise, of the
-    /// sides that it is beyond, the one with the most room at the plan's end `there`; from within, the
-    /// nearest side. Each position comes with the deck of its time.
+    /// Face by which a drone at `here` passes the volume: the top if the drone is higher. Otherwise, of the sides that
+    /// it is beyond, the one with the most room at the plan's end `there`; from inside, the nearest side. Each position
+    /// comes with the deck of its time.
     pub(crate) fn of(
         volume: &KeepOut,
         margin: f64,
@@ -93,7 +93,7 @@ impl Passage {
     ) -> Passage {
         let [from, to] = [here, there].map(|(deck, place)| in_deck(deck, place));
         let above = f64::from(volume.low[2]) - margin - from.z;
-        // From within, the nearest face comes first.
+        // From inside, the nearest face has priority.
         let mut best = (Face::Top, above.min(0.0), f64::INFINITY);
         for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
             let beyond = |q: &Vector3<f64>| sign * q[axis] - bound(volume, axis, sign) - margin;
@@ -109,10 +109,10 @@ impl Passage {
         }
     }
 
-    /// Maximum NED z (lowest height) at (x, y) over a volume that is passed above, m; None outside its outline.
+    /// Maximum NED z (minimum height) at (x, y) over a volume that is passed above, m; None outside its outline.
     ///
-    /// The vertical through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` over the deck's centre; its part
-    /// within the volume lies between the widened faces of all axes.
+    /// The vertical line through (x, y) is `q(z) = R' (x - c_x, y - c_y, 0) + z R' e_z` above the deck's centre; its
+    /// part within the volume lies between the widened faces of all axes.
     pub(crate) fn top_z(&self, deck: &DeckStage, x: f64, y: f64) -> Option<f64> {
         if self.face != Face::Top {
             return None;
@@ -156,8 +156,7 @@ mod tests {
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(500))]
-        /// A drone above the top or beyond its side stays outside the widened volume at any attitude of the
-        /// deck.
+        /// A drone above the top or beyond its side stays outside the widened volume at any attitude of the deck.
         #[test]
         fn passage_outside_the_widened_volume(
             corner in prop::array::uniform3(-8.0..8.0f64), size in prop::array::uniform3(0.1..6.0f64),
@@ -181,7 +180,7 @@ mod tests {
                 p.x += push * n.x;
                 p.y += push * n.y;
             }
-            // Beyond the widened volume's underside the drone is not above it.
+            // A drone below the widened volume is not above it.
             let beyond = volume.beyond(&in_deck(&after, &p));
             let widened = |v: f64| v >= 1.0 - 1e-5;
             prop_assert!(beyond.iter().any(|v| widened(*v)), "{passage:?} {beyond:?}");

@@ -1,7 +1,7 @@
-//! Landing in a closed loop for tests and benchmark: an ideal follower (the drone is exactly on its plan)
-//! over a deck that heaves, rolls and pitches as sines, predicted without error.
+//! Closed-loop landing for tests and the benchmark. The drone follows its plan exactly; the deck heaves,
+//! rolls and pitches sinusoidally and is predicted without error.
 //!
-//! The parent module brings `planner` into scope.
+//! The parent module must import `planner`.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -44,11 +44,11 @@ pub const MODERATE: BenchSea = BenchSea {
 /// Drift of the vessel, m/s, and its heading, rad.
 const DRIFT: [f64; 2] = [0.3, -0.2];
 const HEADING: f64 = 0.7;
-/// Seven metres over the deck's mean level.
+/// Seven metres above the deck's mean level.
 pub const ABOVE: [f64; 3] = [20.0, -8.0, -8.3];
 
 impl BenchSea {
-    /// The deck at time `t`, s.
+    /// Deck at time `t`, s.
     pub fn deck(&self, t: f64) -> DeckStage {
         let wave = |amplitude: f64, phase: f64| {
             let (s, c) = (self.omega * t + self.phase + phase).sin_cos();
@@ -82,22 +82,21 @@ impl BenchSea {
     }
 }
 
-/// State at contact.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchContact {
-    /// From the start of the descent, s.
+    /// Time since the start of the descent, s.
     pub time_s: f64,
-    /// From the centre of the foot plane to that of the deck, m.
+    /// Distance between the centres of the foot plane and the deck, m.
     pub off_m: f64,
-    /// Between the normals, rad.
+    /// Angle between the normals of foot plane and deck, rad.
     pub tilt: f64,
-    /// Towards the deck along its normal, m/s.
+    /// Closing speed along the deck's normal, m/s.
     pub speed_mps: f64,
     /// Time to contact in the last plan, s.
     pub announced_s: Option<f64>,
 }
 
-/// Ideal follower, exactly on its plan, every 10 ms.
+/// Ideal follower that stays exactly on its plan, updated every 10 ms.
 pub struct PlanFollower {
     pub drone: DroneState,
     pub plan: Option<Plan>,
@@ -121,7 +120,6 @@ impl PlanFollower {
     pub fn header(&self) -> Header<DroneClock> {
         Header::new(1, 1, 1, self.tick as u32 + 1, self.now())
     }
-    /// Moves to the plan's present state.
     pub fn follow(&mut self) {
         if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(self.now())) {
             self.drone.position = s.position;
@@ -132,7 +130,6 @@ impl PlanFollower {
         }
         self.drone.header = self.header();
     }
-    /// Stores the planner's output.
     pub fn end_tick(&mut self, plan: Option<Plan>) {
         self.plan = plan.or(self.plan);
         self.tick += 1;
@@ -157,7 +154,7 @@ impl Approach {
         }
     }
 
-    /// Tick of 10 ms. `step` runs the planner. None after the contact or 45 s.
+    /// Runs a tick of 10 ms, with the planner run by `step`. Returns None after contact or after 45 s.
     pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
         if self.contact.is_some() || self.follower.tick > 4500 {
             return None;
@@ -209,7 +206,7 @@ impl Approach {
         Some(())
     }
 
-    /// Lands; `see` observes the planner after each plan.
+    /// Flies the landing; `see` is called after each plan.
     pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<BenchContact> {
         let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
@@ -234,7 +231,7 @@ impl Approach {
     }
 }
 
-/// Problem for the naive solver: virtual inputs, the same limits.
+/// The same problem for the naive solver, with virtual inputs and equal limits.
 pub fn naive_data<'a>(config: &PlannerConfig, mpc: &Mpc, problem: &'a Problem) -> naive::Data<'a> {
     let (a, b) = heading_free(&DroneGeometry::default()).continuous();
     let mixer = nalgebra::SMatrix::<f64, 4, 4>::from_fn(|i, j| MIXER[i][j]);

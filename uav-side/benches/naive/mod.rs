@@ -1,15 +1,13 @@
-//! Reference of benchmark and tests: the paper's eq. 6-7 as written, with all 12 states and 4 inputs
-//! condensed to dense matrices at every solve, and Clarabel with defaults.
+//! Reference solver for the benchmark and tests: the paper's eq. 6-7 as written, with all 12 states and 4
+//! inputs, condensed to dense matrices at every solve and solved by Clarabel with default settings.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
-/// In the paper's order of states `[p, euler, v, euler rates]`.
+/// Problem data, in the paper's state order `[p, euler, v, euler rates]`.
 pub struct Data<'a> {
-    /// Discrete transition matrix.
     pub a: SMatrix<f64, 12, 12>,
-    /// Discrete input matrix.
     pub b: SMatrix<f64, 12, 4>,
     pub state: [f64; 12],
     pub input: [f64; 4],
@@ -18,22 +16,22 @@ pub struct Data<'a> {
     pub weight: &'a [[f64; 12]],
     /// Soft upper bound of z at each stage.
     pub ceiling: &'a [f64],
-    /// Violation of that bound by a unit of slack, m.
+    /// Violation of that bound per unit of slack, m.
     pub ceiling_slack: f64,
-    /// R.
+    /// Weight R of the input increments.
     pub increment_weight: f64,
     pub lowest: [f64; 4],
     pub highest: [f64; 4],
     pub slew: [f64; 4],
-    /// Soft bounds of the states; infinite without a bound.
+    /// Soft bounds of the states; infinite where a state is unbounded.
     pub limit: [f64; 12],
-    /// Linear and quadratic cost of slack.
+    /// Linear and quadratic cost of the slack.
     pub slack: [f64; 2],
-    /// Clarabel's tolerance of the duality gap, absolute and relative; its default is 1e-8.
+    /// Clarabel's absolute and relative tolerance of the duality gap; its default is 1e-8.
     pub tolerance: f64,
 }
 
-/// Slack of each state's limit, of the four of a stage: x, y, z, yaw.
+/// Slack variable of each state's limit. Each stage has four: x, y, z, yaw.
 const SLACK_OF: [usize; 12] = [0, 1, 2, 1, 0, 3, 0, 1, 2, 1, 0, 3];
 
 struct Dense {
@@ -43,7 +41,7 @@ struct Dense {
     response: DMatrix<f64>,
 }
 
-/// `X = free + response dU`, and the cost's Hessian and gradient in the increments dU.
+/// Builds `X = free + response dU`, and the Hessian and gradient of the cost in the increments dU.
 fn condense(d: &Data<'_>) -> Dense {
     let n = d.reference.len();
     let mut free = DVector::zeros(12 * n);
@@ -88,7 +86,7 @@ fn inputs(d: &Data<'_>, increments: &[f64]) -> Vec<[f64; 4]> {
         .collect()
 }
 
-/// Cost of a sequence of inputs with slack, which both solvers minimise.
+/// Cost of an input sequence including slack, as both solvers minimise it.
 pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
     let mut x = nalgebra::SVector::<f64, 12>::from(d.state);
     let (mut before, mut sum) = (d.input, 0.0);

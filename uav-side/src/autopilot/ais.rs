@@ -1,7 +1,7 @@
-//! Vessel's position by AIS: `!AIVDM` and `!AIVDO` sentences of a receiver (NMEA 0183, ITU-R M.1371).
+//! Vessel position by AIS: `!AIVDM` and `!AIVDO` sentences from a receiver (NMEA 0183, ITU-R M.1371).
 //!
-//! Decodes position reports of class A (types 1, 2, 3) and B (18, 19); a sentence needs a valid checksum. AIS
-//! is not authenticated.
+//! Decodes position reports of class A (types 1, 2, 3) and class B (18, 19) with a valid checksum. AIS is not
+//! authenticated.
 
 use std::collections::VecDeque;
 
@@ -12,9 +12,9 @@ use nmea_kit::parse_frame;
 
 use super::place_report::{AisReport, PlaceReport};
 
-/// Longest sentence, bytes: the standard allows 82, plus a logger's tags.
+/// Maximum sentence length, bytes: the standard's 82 plus a logger's tags.
 const MAX_LINE: usize = 256;
-/// Queue length: more than a receiver outputs in a second.
+/// Queue length: more reports than a receiver outputs in a second.
 const MAX_REPORTS: usize = 32;
 
 pub struct AisDecoder {
@@ -34,7 +34,7 @@ impl Default for AisDecoder {
 }
 
 impl AisDecoder {
-    /// Decodes bytes; a full queue drops its oldest report.
+    /// Decodes bytes; when the queue is full, the oldest report is dropped.
     pub fn push(&mut self, bytes: &[u8]) {
         for byte in bytes {
             if let Some(Cut::Line(line)) = self.lines.push(*byte) {
@@ -55,7 +55,7 @@ impl AisDecoder {
     }
     fn sentence(&mut self, line: &[u8]) -> Option<AisReport> {
         let text = core::str::from_utf8(line).ok().filter(|t| t.is_ascii())?;
-        // Tags of IEC 61162-450 precede the sentence; without a checksum it may be truncated.
+        // IEC 61162-450 tags may precede the sentence. A sentence without a checksum may be truncated.
         let sentence = text.get(text.find('!')?..).filter(|s| s.contains('*'))?;
         let frame = parse_frame(sentence).ok()?;
         match self.parser.decode(&frame)? {
@@ -99,10 +99,10 @@ mod tests {
         core::iter::from_fn(|| decoder.next_report()).collect()
     }
 
-    /// Sentences from gpsd's documentation of AIVDM and its samples.
+    /// Sentences from gpsd's AIVDM documentation and samples.
     #[test]
     fn ais_sentences_of_each_type() {
-        // Types 1, 18 and 19, with the values of other decoders.
+        // Types 1, 18 and 19, with the values that other decoders give.
         for (sentence, mmsi) in [
             ("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C", 477_553_000),
             ("!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C", 338_087_471),
@@ -117,14 +117,13 @@ mod tests {
                 "{sentence}: {all:?}"
             );
         }
-        // The vessel is moored in Seattle.
         let [r] = decoded("!AIVDM,1,1,,B,177KQJ5000G?tO`K>RA1wUbN0TKH,0*5C\n")[..] else {
             panic!()
         };
         assert!((r.place.latitude_deg - 47.582_833).abs() < 1e-6, "{r:?}");
         assert!((r.place.longitude_deg + 122.345_833).abs() < 1e-6, "{r:?}");
         assert!(r.place.velocity.is_some_and(|[n, e]| n.hypot(e) < 1e-9), "{r:?}");
-        // The vessel in New York moves at 0.1 kn, course 79.6 deg.
+        // The vessel is in New York and moves at 0.1 kn on course 79.6 deg.
         let [r] = decoded("\\s:rx*00\\!AIVDM,1,1,,A,B52K>;h00Fc>jpUlNV@ikwpUoP06,0*4C\n")[..] else {
             panic!()
         };
@@ -143,7 +142,7 @@ mod tests {
             sound.replace("177", "178"),
             sound.replace("*5C", ""),
             sound.replace("!AIVDM", "$GPGGA"),
-            // Reports of a base station, and static data.
+            // Base station report and static data.
             "!AIVDM,1,1,,A,H52N>V@T2rNVPJ2000000000000,2*29".into(),
             "x".repeat(10_000) + sound,
             String::new(),

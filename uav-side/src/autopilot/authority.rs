@@ -1,13 +1,14 @@
-//! Control authority and its reason. Alight commands only in the mode and armed state that the pilot chose.
+//! Control authority and its reason. Alight commands only in the mode and armed state that the pilot has
+//! chosen.
 //!
 //! Rules of the state machine:
-//! - Alight chooses a mode in three cases: to divert at a low battery, which hands the drone to the
+//! - Alight changes the mode in three cases: to divert on low battery, which hands the drone to the
 //!   autopilot; for a take-off that an operator has ordered and the crew has cleared; and to end the
-//!   autopilot's own mission when a sortie returns, once in a flight for each reason.
-//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to begin,
+//!   autopilot's own mission when a sortie returns, once per flight for each reason.
+//! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to start them,
 //!   because one may be delayed.
 //! - After another authority (pilot, failsafe, geofence) has taken command, only a change back to our mode
-//!   gives a new permission; after a diversion the mode has to be left first.
+//!   gives permission again. After a diversion the pilot must leave the mode first.
 
 use core::fmt;
 
@@ -22,32 +23,30 @@ const CONFIRMATIONS: u32 = 2;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ControlAuthority {
-    /// No heartbeat of a multirotor's autopilot received yet.
+    /// No heartbeat from a multirotor's autopilot received yet.
     #[default]
     Searching,
     LinkLost,
-    /// Another vehicle's autopilot is received as well, and the configuration selects none.
+    /// A second vehicle's autopilot is also received, and the configuration selects neither.
     SeveralAutopilots,
-    /// No answer to TIMESYNC: samples cannot be dated.
+    /// TIMESYNC is not answered, so samples cannot be dated.
     NoClock,
     NoOrigin,
     NoHeading,
     NoOdometry,
     OptionUnknown,
-    /// ArduCopter reads thrust as a climb rate.
+    /// ArduCopter interprets thrust as a climb rate.
     OptionMissing,
-    /// Ready; the pilot or the autopilot flies the drone without our set-points.
+    /// Ready, while the pilot or the autopilot flies without our set-points.
     Standby {
         mode: AutopilotMode,
     },
-    /// In our mode, disarmed.
     Disarmed,
-    /// The autopilot follows our set-points.
     Commanding,
     TakenOver {
         mode: AutopilotMode,
     },
-    /// Diverted at the battery's reserve: the autopilot was commanded to return or to land.
+    /// Diverted at the battery reserve: the autopilot was commanded to return or to land.
     Diverted(Diversion),
 }
 
@@ -55,7 +54,7 @@ impl ControlAuthority {
     pub fn commands(self) -> bool {
         self == ControlAuthority::Commanding
     }
-    /// Whether set-points may be streamed for a handover while another authority commands.
+    /// Whether set-points may be streamed for a handover while another authority is in command.
     pub fn may_offer(self) -> bool {
         matches!(self, ControlAuthority::Standby { .. })
     }
@@ -82,7 +81,7 @@ impl ControlAuthority {
 impl fmt::Display for ControlAuthority {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            ControlAuthority::Searching => "no heartbeat of a multirotor's autopilot; check link and address",
+            ControlAuthority::Searching => "no heartbeat from a multirotor's autopilot; check link and address",
             ControlAuthority::LinkLost => "the autopilot's heartbeats have stopped",
             ControlAuthority::SeveralAutopilots => {
                 "autopilots of two vehicles are received: set autopilot.vehicle to this drone's system number"
@@ -112,7 +111,6 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-/// Whether the autopilot flies without our set-points in this mode.
 fn flies_itself(mode: AutopilotMode) -> bool {
     match mode {
         AutopilotMode::Return | AutopilotMode::Land => true,
@@ -126,12 +124,12 @@ pub(crate) struct AuthorityEvidence {
     pub(crate) alive: bool,
     pub(crate) several: bool,
     pub(crate) clock: bool,
-    /// Whether the origin of the autopilot's NED is known or not needed.
+    /// Whether the origin of the autopilot's NED is known, or not needed.
     pub(crate) origin: bool,
-    /// Whether the heading is aligned now, or was at the start of this flight's odometry.
+    /// Whether the heading is aligned now, or was when this flight's odometry began.
     pub(crate) heading: bool,
     pub(crate) odometry: bool,
-    /// Whether the autopilot reads thrust as thrust, not as a climb rate; None while unknown.
+    /// Whether the autopilot interprets thrust as thrust rather than as a climb rate; None while unknown.
     pub(crate) thrust: Option<bool>,
     pub(crate) heartbeat: bool,
     pub(crate) mode: AutopilotMode,
@@ -144,10 +142,10 @@ pub(crate) struct AuthorityStateMachine {
     control_authority: ControlAuthority,
     since: DroneTime,
     confirmations: u32,
-    /// Whether set-points were followed and no pilot has taken over since. A second autopilot within reach
-    /// does not interrupt this flight.
+    /// Whether set-points have been followed and no pilot has taken over since. A second autopilot in range
+    /// does not interrupt such a flight.
     flown: bool,
-    /// Diversion that revoked the permission, until the mode is left.
+    /// Diversion that revoked the permission; kept until the pilot leaves the mode.
     revoked: Option<Diversion>,
 }
 
@@ -158,7 +156,7 @@ impl AuthorityStateMachine {
     pub(crate) fn since(&self) -> DroneTime {
         self.since
     }
-    /// Continues the permission of the previous link.
+    /// Resumes the permission of the previous link.
     pub(crate) fn resume(&mut self) {
         self.confirmations = CONFIRMATIONS;
         self.flown = true;
@@ -166,13 +164,13 @@ impl AuthorityStateMachine {
     pub(crate) fn forget(&mut self) {
         (self.confirmations, self.flown) = (0, false);
     }
-    /// Hands the drone to the autopilot until a new permission.
+    /// Hands the drone to the autopilot until permission is given again.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`, except in
-    /// return and land modes, which follow none, so that a handover a second later is not denied.
+    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`. Return and
+    /// land modes are exempt because they ignore set-points, so a handover a second later is not denied.
     pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
@@ -232,7 +230,7 @@ impl AuthorityStateMachine {
         self.control_authority
     }
     /// Whether the autopilot holds by itself after a set-point loss. A stream returns it only to the mode
-    /// that the pilot chose, so no choice is overruled.
+    /// that the pilot chose, so it overrides no choice.
     fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
         commanded && f.set_points_lost && f.mode == AutopilotMode::Hold
@@ -328,7 +326,7 @@ mod tests {
         let mut a = AuthorityStateMachine::default();
         run(&mut a, 0, &[READY; 3]);
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
-        // A gap in the odometry does not end the command, nor does the autopilot's own hold.
+        // Neither a gap in the odometry nor the autopilot's own hold ends the command.
         let gap = AuthorityEvidence {
             odometry: false,
             ..several
@@ -366,7 +364,7 @@ mod tests {
         assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
-    /// In the return mode set-points are streamed at once, and the mode ends the command like any other.
+    /// In return mode set-points are streamed at once, and the mode ends the command like any other mode.
     #[test]
     fn authority_after_a_return() {
         let mut a = AuthorityStateMachine::default();

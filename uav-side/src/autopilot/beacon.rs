@@ -1,9 +1,9 @@
-//! Vessel's position from a beacon, accepted from one configured source:
+//! Vessel position from a beacon, accepted from one configured source:
 //! - by MAVLink on the autopilot's link, from one system number: `GLOBAL_POSITION_INT` of a tracker or of the
 //!   boat's autopilot, `FOLLOW_TARGET` of a ground station or a phone;
 //! - by AIS, from one MMSI: `AIS_VESSEL` of the autopilot, or NMEA sentences of an AIS receiver.
 //!
-//! The sources' clocks are unknown. A report is dated at its arrival, and its delay is part of its error.
+//! The sources' clocks are unknown, so a report is dated at its arrival and its delay counts as error.
 
 use alight_shared::msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
 use alight_shared::time::Span;
@@ -13,9 +13,9 @@ use super::message::{MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
 use super::{DroneTime, Output, OutputHeaders};
 
-/// Default standard deviation of the position, each axis, m: no GNSS corrections, 1 s of delay at 2 m/s.
+/// Default standard deviation of the position, each axis, m: no GNSS corrections, and 1 s of delay at 2 m/s.
 const PLACE_SD_M: f64 = 5.0;
-/// Standard deviations of a reported and of an unknown velocity, m/s.
+/// Standard deviation of a reported velocity, and of an unknown one, m/s.
 const VELOCITY_SD_MPS: f64 = 0.3;
 const UNKNOWN_VELOCITY_SD_MPS: f64 = 2.0;
 /// Validity of a report, s: ten periods of the usual 1 Hz.
@@ -27,18 +27,19 @@ const AIS_LATE_S: f64 = 2.0;
 const AIS_VELOCITY_SD_MPS: f64 = 0.3;
 /// Validity of an AIS report, s: a class B vessel below 2 kn reports every three minutes.
 const AIS_LASTS_S: f64 = 200.0;
-/// Age of an AIS report up to which a repetition is accepted, s.
+/// Age up to which a repeated AIS report is accepted, s.
 const AIS_REPEATED_S: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OtherSystems {
-    /// Last reception of another vehicle's autopilot: time and system number.
+    /// Time and system number of the last heartbeat from another vehicle's autopilot.
     pub(super) autopilot: Option<(DroneTime, u8)>,
     ais: Option<PlaceReport>,
 }
 
 impl OtherSystems {
-    /// Beacon report from the configured system (not the drone's own) or of the configured vessel.
+    /// Accepts a report from the configured system (other than the drone itself) or about the configured
+    /// vessel.
     pub(super) fn beacon(
         &mut self,
         now: DroneTime,
@@ -63,7 +64,7 @@ impl OtherSystems {
         let fixed = beacon.latitude_deg != 0.0 || beacon.longitude_deg != 0.0;
         (fixed && beacon.check().is_ok()).then_some(beacon)
     }
-    /// AIS report of the configured vessel, dated at reception; an old repetition is rejected.
+    /// Accepts an AIS report of the configured vessel, dated at reception; an old repetition is rejected.
     fn beacon_by_ais(&mut self, now: DroneTime, report: &AisReport, mmsi: u32) -> Option<DeckBeacon> {
         let wanted = report.mmsi != 0 && report.mmsi == mmsi;
         let old = !(report.age_s <= AIS_LASTS_S);
@@ -152,7 +153,6 @@ mod tests {
         assert_eq!(m.place_sd_m, PLACE_SD_M);
         assert_eq!(received(&mut link, 41, &tracker), None);
         assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
-        // This phone reports an error without a speed.
         let phone = MavlinkMessage::FollowTarget(PlaceReport {
             velocity: None,
             error_m: Some(12.0),
@@ -185,13 +185,14 @@ mod tests {
         let m = received(&mut link, 1, &MavlinkMessage::Ais(report)).unwrap();
         assert_eq!((m.source, m.header.at), (BeaconSource::Ais, Time::from_secs(2.0)));
         assert!((m.velocity[0] - 3.0).abs() < 0.01 && (m.velocity[1] + 4.0).abs() < 0.01);
-        // The error includes the distance that a fast vessel covers during the delay.
+        // The error includes the distance that a fast vessel travels during the delay.
         assert!(
             (m.place_sd_m - 8.0_f64.hypot(10.0)).abs() < 0.05,
             "{}",
             m.place_sd_m
         );
-        // A repetition, another vessel, a report without a fix, and any report without an MMSI are rejected.
+        // A repetition, another vessel, a report without a fix, and any report without a configured MMSI are
+        // rejected.
         let changed = |change: fn(&mut AisReport)| {
             let mut r = report;
             change(&mut r);

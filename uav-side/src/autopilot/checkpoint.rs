@@ -1,8 +1,8 @@
-//! Checkpoint of the autopilot link, published while it runs, so that a successor commands again before the
-//! failsafe begins. Without it a new link waits for two heartbeats, the clock, the origin and ArduCopter's
-//! options.
+//! Checkpoint of the autopilot link, published while the link runs, so that a restarted link commands again
+//! before the failsafe starts. Without it a new link waits for two heartbeats, the clock, the origin and
+//! ArduCopter's options.
 //!
-//! A pilot's takeover in the meantime is respected: in another mode the autopilot follows no set-points, and
+//! A pilot's takeover during the restart is respected: in another mode the autopilot ignores set-points, and
 //! its first heartbeat in that mode ends the command.
 
 use alight_shared::admission::Periodic;
@@ -29,7 +29,7 @@ pub(super) struct LinkSuccession {
 }
 
 impl AutopilotLink {
-    /// Reads the predecessor's checkpoint `given` once, at the start; boot number 0: no checkpoint.
+    /// Reads the predecessor's checkpoint once at the start. Boot number 0 means no checkpoint.
     pub(super) fn begin(&mut self, now: DroneTime, given: Option<&LinkCheckpoint>, out: &mut AutopilotOut) {
         let s = &mut self.succession;
         if s.has_begun {
@@ -39,7 +39,7 @@ impl AutopilotLink {
         s.began = s.began.or(Some(now));
         s.has_begun = s.recovery.poll(now, boot, given);
         let before = s.recovery.checkpoint();
-        // Read at any age, because the mission's own checkpoint may be too old.
+        // Read at any age, because the mission's checkpoint may be too old.
         let readable = before.filter(|m| m.header.drone == drone_id && m.check().is_ok());
         self.operators.parameters.recalled = readable.and_then(|m| m.mode);
         if let Some(m) = &readable {
@@ -63,7 +63,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Continues from the previous link's state, unless the autopilot has since reported another.
+    /// Resumes the previous link's state unless the autopilot has reported another one since.
     fn resume(&mut self, now: DroneTime, m: &LinkCheckpoint) {
         let address = Address::new(m.vehicle, AUTOPILOT_COMPONENT);
         let Some(firmware) = Firmware::of_autopilot(m.autopilot).filter(|_| self.accepts(address)) else {
@@ -76,7 +76,7 @@ impl AutopilotLink {
             return;
         }
         let peer = self.peer.get_or_insert_with(|| {
-            // Heartbeats of the autopilot that arrived before this link started are lost.
+            // Heartbeats that arrived before this link started are lost.
             let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
             (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
             peer.resume_landed(m.header.at, m.landed);
@@ -130,7 +130,7 @@ impl AutopilotLink {
             hover_learned_s,
             ended_missions: self.own_mission.ends.map(|end| end.is_over()),
             own_mission: self.own_mission.monitor.is_under_way(),
-            // Filled in by the process, which has the frames.
+            // The process fills this in, because it has the frames.
             signing: SigningTimes::default(),
         })
     }

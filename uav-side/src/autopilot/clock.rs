@@ -1,10 +1,10 @@
-//! Offset of the autopilot's clock from the companion's, by TIMESYNC.
+//! Offset between the autopilot's clock and the companion's, by TIMESYNC.
 //!
-//! A request carries our time `t0`; the answer adds the autopilot's `ta` and arrives at `t1`. The offset of
-//! ours from theirs is `(t0 + t1) / 2 - ta`, wrong by at most half of the round trip. The quickest of the
-//! last answers is used; its uncertainty increases with the clocks' drift. An answer may be dated too early:
-//! on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a request. Several
-//! samples in a row that seem to arrive before they were taken overrule the answer.
+//! A request carries our time `t0`; the answer adds the autopilot's time `ta` and arrives at `t1`. The offset
+//! (ours minus theirs) is `(t0 + t1) / 2 - ta`, with an error of at most half the round trip. The recent
+//! answer with the shortest round trip is used; its uncertainty grows with clock drift. An answer may be
+//! dated too early: on a serial line ArduPilot subtracts the transmission time of the bytes queued behind a
+//! request. Several consecutive samples that seem to arrive before they were taken overrule the answer.
 
 use std::collections::VecDeque;
 
@@ -18,15 +18,15 @@ use super::message::MavlinkMessage;
 const MAX_REQUESTS: usize = 16;
 const MAX_EXCHANGES: usize = 20;
 const DRIFT: f64 = 1e-4;
-/// Backward jump of the offset above which the autopilot's clock has restarted, s.
+/// Backward jump of the offset that indicates a restart of the autopilot's clock, s.
 const RESTART_S: f64 = 0.5;
-/// Difference between two offsets, beyond their errors, above which a clock has stepped, s.
+/// Difference between two offsets, beyond their errors, that indicates a clock step, s.
 const STEPPED_S: f64 = 0.02;
 const MAX_SAMPLE_AGE_S: f64 = 1.0;
-/// Largest lead of a sample over its arrival, s; the sample is then dated at its arrival.
+/// Maximum time by which a sample may be ahead of its arrival, s; it is then dated at its arrival.
 const AHEAD_S: f64 = 0.01;
-/// Number of consecutive samples dated ahead of their arrival that contradict an answer, and their minimum
-/// duration, s. A single time stamp may be wrong, and other streams' samples arrive in between.
+/// Number and minimum duration (s) of consecutive samples dated ahead of their arrival that contradict an
+/// answer. A single time stamp may be wrong, and samples of other streams arrive in between.
 const SEVERAL: u32 = 5;
 const SEVERAL_S: f64 = 0.05;
 
@@ -34,20 +34,20 @@ const SEVERAL_S: f64 = 0.05;
 struct AheadRun {
     since: DroneTime,
     count: u32,
-    /// Largest offset that a sample allows.
+    /// Largest offset that is consistent with a sample.
     high: Span,
 }
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RemoteClock {
-    /// Ours minus theirs.
+    /// Offsets, ours minus theirs.
     exchanges: VecDeque<OffsetBounds<DroneClock>>,
-    /// Send times of the pending requests on our clock, ns.
+    /// Send times of the pending requests, on our clock, ns.
     requests: VecDeque<i64>,
     timer: Periodic<DroneClock>,
     pub(crate) rejected: u32,
     pub(crate) restarts: u32,
-    /// Suspension of this computer with its clock: time of detection, and duration, s.
+    /// Suspension of this computer together with its clock: time of detection, and duration in s.
     stood_still: Option<(DroneTime, f64)>,
     ahead: Option<AheadRun>,
 }
@@ -71,7 +71,8 @@ impl RemoteClock {
         }
         self.restarts != before
     }
-    /// Processes an answer at `now`, with our time in the request and the autopilot's in the answer, ns.
+    /// Processes an answer that arrived at `now`, with our time in the request and the autopilot's time in
+    /// the answer, ns.
     fn answered(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) {
         let asked = Time::from_nanos(asked_ns);
         if !(0.0..=limit_s).contains(&(now - asked).secs()) {
@@ -82,7 +83,6 @@ impl RemoteClock {
         if let Some(before) = self.best(now) {
             let ahead_s = (before.middle() - exchange.middle()).secs();
             if ahead_s.abs() > before.error_s() + exchange.error_s() + STEPPED_S {
-                // Former exchanges are obsolete.
                 self.exchanges.clear();
             }
             if ahead_s < -RESTART_S {
@@ -98,7 +98,7 @@ impl RemoteClock {
         let exchanges = self.exchanges.iter().map(|e| e.drifted(now, DRIFT));
         exchanges.min_by_key(|e| e.high - e.low)
     }
-    /// Offset ours - theirs, ns, and its maximum error, s; None while unknown.
+    /// Offset (ours minus theirs), ns, and its maximum error, s; None while unknown.
     pub(crate) fn offset(&self, now: DroneTime) -> Option<(i64, f64)> {
         self.best(now).map(|b| (b.middle().nanos(), b.error_s()))
     }
@@ -117,8 +117,8 @@ impl RemoteClock {
     pub(crate) fn uncertainty_s(&self, now: DroneTime) -> f64 {
         self.best(now).map_or(f64::INFINITY, OffsetBounds::error_s)
     }
-    /// Our time of a sample that the autopilot dates at `remote_ns`. None (counted as rejected) for one that
-    /// leads `now` by more than the uncertainty, or is too old; a small lead is clamped.
+    /// Our time of a sample dated `remote_ns` by the autopilot. A sample that is ahead of `now` by more than
+    /// the uncertainty, or too old, gives None and is counted as rejected; a small lead is clamped.
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.best(now)?;
         let at = Time::from_nanos(remote_ns) + offset.middle();
@@ -147,8 +147,8 @@ impl RemoteClock {
         }
         Some(at.min(now))
     }
-    /// Discards answers that several consecutive samples contradict. If all are contradicted, the one with
-    /// the smallest lead is kept, because this computer may have been suspended.
+    /// Discards answers that several consecutive samples contradict. If all are contradicted, keeps the one
+    /// with the smallest lead, because this computer may have been suspended.
     fn discard_contradicted(&mut self, now: DroneTime) {
         let lasts = |run: &AheadRun| run.count >= SEVERAL && (now - run.since).secs() >= SEVERAL_S;
         let Some(run) = self.ahead.filter(lasts) else {
@@ -159,13 +159,13 @@ impl RemoteClock {
         self.exchanges.retain(|e| e.drifted(now, DRIFT).low <= limit);
         self.ahead = None;
     }
-    /// Suspension of this computer with its clock, shown by samples ahead of it: time of detection, and
-    /// duration, s. It is reported until the next answer dates samples again.
+    /// Suspension of this computer together with its clock, inferred from samples ahead of the clock: time of
+    /// detection, and duration in s. Reported until the next answer dates samples again.
     pub(crate) fn stood_still(&self, now: DroneTime) -> Option<(DroneTime, f64)> {
         self.stood_still
             .filter(|(at, _)| (now - *at).secs() <= MAX_SAMPLE_AGE_S)
     }
-    /// The autopilot's time at our time `at`, us; 0 while unknown.
+    /// Autopilot time at our time `at`, us; 0 while unknown.
     pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
         let theirs = self.best(now).map_or(Time::EPOCH, |b| at - b.middle());
         theirs.nanos().max(0).unsigned_abs() / 1000
@@ -217,9 +217,9 @@ mod tests {
         assert_eq!(c.rejected, 5);
     }
 
-    /// Number of correctly dated samples in a second after answers with a round trip of 20 ms and one of 1 ms
-    /// that is early by `early_s`, and the uncertainty. Samples arrive at 100 Hz with 1 ms of delay; those
-    /// that are `ahead` are stamped 15 ms after their arrival.
+    /// Number of correctly dated samples in one second, and the uncertainty, after an answer with a round
+    /// trip of 20 ms and one of 1 ms that is early by `early_s`. Samples arrive at 100 Hz with 1 ms of delay;
+    /// those for which `ahead` is true are stamped 15 ms after their arrival.
     fn dated(early_s: f64, ahead: impl Fn(i64) -> bool) -> (usize, f64) {
         let mut c = RemoteClock::default();
         for k in 0..10 {
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn single_samples_against_right_answers() {
-        // Samples ahead: a single one, every fifth one (a stream with another clock), and a burst of four.
+        // A single sample ahead, every fifth one (a stream with another clock), and a burst of four.
         for ahead in [
             |k: i64| k == 50,
             |k: i64| k % 5 == 0,
@@ -265,7 +265,7 @@ mod tests {
         }
     }
 
-    /// A suspension of any length is no restart; the next answer dates samples again.
+    /// A suspension of any length is not a restart; the next answer dates samples again.
     #[test]
     fn timesync_after_a_suspended_computer() {
         for gap_s in [0.1, 0.3, 1.5, 20.0] {

@@ -1,5 +1,5 @@
-//! Optional publication of the deck on the link: `LANDING_TARGET`, or `TARGET_RELATIVE` and
-//! `TARGET_ABSOLUTE`, and an array of numbers.
+//! Optional publication of the deck on the link, as `LANDING_TARGET` or as `TARGET_RELATIVE` and
+//! `TARGET_ABSOLUTE`, and as an array of numbers.
 
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
@@ -13,10 +13,10 @@ use super::message::{
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Displacement of the deck above which home is sent again, m: the errors of two receivers.
+/// Displacement of the deck after which home is sent again, m: the combined error of two receivers.
 const HOME_MOVED_M: f64 = 5.0;
 const HOME_PERIOD: Span = Span::from_millis(5_000);
-/// Time after which home is repeated: autopilots set it at arming, and a command may be lost.
+/// Repetition period of home: autopilots reset it at arming, and a command may be lost.
 const HOME_REPEAT: Span = Span::from_millis(30_000);
 const DECK_PERIOD: Span = Span::from_millis(100);
 
@@ -63,7 +63,7 @@ impl AutopilotLink {
             values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
         });
     }
-    /// Deck for ArduCopter: relative to the vehicle at its newest odometry, in body axes.
+    /// Deck for ArduCopter, relative to the vehicle at its newest odometry, in body axes.
     fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
         let state = self.estimate.state?;
         let deck = self.inputs.deck(state.header.at)?;
@@ -127,7 +127,7 @@ impl AutopilotLink {
     }
 }
 
-/// Our time, us; PX4 converts it, because we answer its TIMESYNC (`MavlinkTimesync::sync_stamp`).
+/// Our time, us. PX4 converts it because we answer its TIMESYNC (`MavlinkTimesync::sync_stamp`).
 fn own_us(at: DroneTime) -> u64 {
     u64::try_from(at.nanos() / 1000).unwrap_or_default()
 }

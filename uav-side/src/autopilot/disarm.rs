@@ -1,10 +1,10 @@
 //! Forced disarm on the deck.
 //!
-//! Stock land detectors do not disarm on a heaving deck (PX4: none within 90 s at 0.5 m). The pilot's
-//! confirmed touchdown is therefore followed by `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot
-//! executes even in the air. So the drone must also be near the deck, slow relative to it, and carried by
-//! something other than its rotors. Each command needs all of this again; the intervals increase after a
-//! quick series.
+//! Stock land detectors do not disarm on a heaving deck (PX4: not within 90 s at 0.5 m). After the pilot's
+//! confirmed touchdown the link therefore sends `MAV_CMD_COMPONENT_ARM_DISARM` with 21196, which an autopilot
+//! executes even in the air. To prevent that, the drone must also be near the deck, slow relative to it, and
+//! supported by something other than its rotors. Each command requires fresh evidence; the intervals increase
+//! after a quick series.
 
 use core::fmt;
 
@@ -19,13 +19,13 @@ use super::config::DisarmConfig;
 /// Duration of the evidence without the pilot's set-points, s: several of its time constants.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
-/// Time between two commands after the quick series, s; an autopilot that denied it disarms eventually.
+/// Time between commands after the quick series, s; an autopilot that denied a command disarms eventually.
 const RARE_S: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct ContactEvidence {
     pub(crate) landing: bool,
-    /// Height of the feet above the deck by the rangefinder, m; None without an accepted reading.
+    /// Height of the feet above the deck by rangefinder, m; None without an accepted reading.
     pub(crate) range_height: Option<f64>,
     pub(crate) range_doubted: bool,
     pub(crate) forecast_height: Option<f64>,
@@ -34,17 +34,18 @@ pub(crate) struct ContactEvidence {
     pub(crate) load_factor: Option<f64>,
     /// Reported thrust as a fraction of hover; None without a recent report.
     pub(crate) thrust: Option<f64>,
-    /// Whether the commanded thrust has been that of a drone at rest for long enough to take effect.
+    /// Whether the commanded thrust has been that of a resting drone for long enough to take effect.
     pub(crate) commanded_low: bool,
     pub(crate) reports_on_ground: bool,
 }
 
-/// Maximum speed relative to the deck of a drone at rest on it, without a thrust report, m/s.
+/// Maximum speed relative to the deck of a drone at rest on it, when no thrust is reported, m/s.
 pub(crate) const RESTS_MPS: f64 = 0.5;
-/// Height from which a drone pressed down at half of hover thrust meets the deck at 1 m/s (the limit of a
-/// successful landing), m: `h = v² / g`.
+/// Height from which a drone pressed down at half of hover thrust hits the deck at 1 m/s, the limit of a
+/// successful landing, m: `h = v² / g`.
 const PRESS_BELOW_M: f64 = 0.1;
-/// Height from which the drone is pressed down on the forecast's height alone, m: the forecast's error.
+/// Height below which the drone is pressed down when only the forecast gives the height, m: the forecast's
+/// error.
 pub(crate) const PRESS_BELOW_BLIND_M: f64 = 0.2;
 
 impl ContactEvidence {
@@ -64,7 +65,7 @@ pub enum DisarmInhibit {
     RangeHigh,
     ForecastHigh,
     Fast,
-    /// The rotors carry the drone, or it falls.
+    /// The rotors carry the drone, or it is falling.
     NotSupported,
 }
 
@@ -76,7 +77,7 @@ impl fmt::Display for DisarmInhibit {
             DisarmInhibit::RangeHigh => "the rangefinder measures air below the feet",
             DisarmInhibit::ForecastHigh => "the forecast deck is further below",
             DisarmInhibit::Fast => "too fast relative to the deck",
-            DisarmInhibit::NotSupported => "the deck does not carry the drone",
+            DisarmInhibit::NotSupported => "the deck does not support the drone",
         })
     }
 }
@@ -85,7 +86,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
-    // NaN counts as high, fast and not supported.
+    // NaN counts as high, fast and unsupported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
         return Some(DisarmInhibit::RangeHigh);
@@ -100,13 +101,13 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
-    // A thrust that is no longer reported is neither zero nor its last value. The commanded thrust replaces
-    // it, and a drone that moves with the deck shows that it follows the command.
+    // A thrust that is no longer reported must not count as zero or as its last value. The commanded thrust
+    // replaces it, and a drone that moves with the deck shows that it follows the command.
     let idle = match e.thrust {
         Some(t) => t <= c.max_thrust_of_hover,
         None => e.commanded_low && e.speed.is_some_and(|v| v <= RESTS_MPS),
     };
-    // The autopilot's ground report may replace the thrust, but never the load factor.
+    // The autopilot's on-ground report may replace the thrust, but never the load factor.
     if !(supported && (idle || e.reports_on_ground)) {
         return Some(DisarmInhibit::NotSupported);
     }
@@ -118,7 +119,6 @@ pub(crate) enum DisarmDecision {
     Press,
     Command,
     Idle,
-    /// The evidence was missing for too long.
     InAir(DisarmInhibit),
 }
 
@@ -149,7 +149,7 @@ impl DisarmSequence {
         }
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
-        // With fewer witnesses the evidence has to last longer.
+        // When a source is missing, the evidence must last longer.
         let hold_s = if e.thrust.is_none() || e.range_doubted {
             c.hold_s.max(HOLD_ALONE_S)
         } else {
@@ -171,7 +171,7 @@ impl DisarmSequence {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ForcedDisarm {
     pub(super) touchdown: DisarmSequence,
-    /// For an autopilot that holds by itself.
+    /// Sequence for an autopilot that holds by itself.
     pub(super) alone: DisarmSequence,
     pub(super) own_landing: DisarmSequence,
     pub(super) inhibited: Option<DisarmInhibit>,
@@ -180,7 +180,7 @@ pub(super) struct ForcedDisarm {
 }
 
 impl ForcedDisarm {
-    /// Repeats the quick commands after an abort on the deck, which demands stopped motors.
+    /// Repeats the quick commands after an abort on the deck, which requires the motors to stop.
     pub(super) fn restart(&mut self, mission: &MissionState) {
         if mission.abort != self.abort && mission.state == State::Landed {
             self.touchdown.clear();
@@ -191,7 +191,7 @@ impl ForcedDisarm {
 }
 
 impl DisarmConfig {
-    /// Longest time from touchdown to last answer, s: `evidence_timeout_s + hold_s + tries pause_s`.
+    /// Maximum time from touchdown to the last answer, s: `evidence_timeout_s + hold_s + tries pause_s`.
     pub fn longest_s(&self) -> f64 {
         self.evidence_timeout_s + self.hold_s.max(HOLD_ALONE_S) + f64::from(self.tries) * self.pause_s
     }
@@ -286,15 +286,15 @@ mod tests {
             ),
             (|e| e.speed = Some(3.0), DisarmInhibit::Fast),
             (|e| e.speed = None, DisarmInhibit::Fast),
-            // A hovering drone.
+            // Hovering drone.
             (|e| e.thrust = Some(1.0), DisarmInhibit::NotSupported),
-            // A falling drone with the thrust cut; the autopilot reports ground.
+            // Falling drone with the thrust cut, while the autopilot reports ground contact.
             (
                 |e| (e.load_factor, e.reports_on_ground) = (Some(0.4), true),
                 DisarmInhibit::NotSupported,
             ),
             (|e| e.load_factor = None, DisarmInhibit::NotSupported),
-            // A low thrust is commanded without a report, and the drone moves over the deck or falls.
+            // Low thrust is commanded but not reported, and the drone moves over the deck or falls.
             (
                 |e| (e.thrust, e.commanded_low) = (None, false),
                 DisarmInhibit::NotSupported,

@@ -1,5 +1,5 @@
-//! Drone's state from the autopilot's reports: PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` with
-//! `ATTITUDE_QUATERNION`; both send separate inertial samples.
+//! Drone state from the autopilot's reports. PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` and
+//! `ATTITUDE_QUATERNION`; both send inertial samples separately.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -28,21 +28,22 @@ const MAX_ATTITUDE_OFFSET: Span = Span::from_millis(60);
 /// Time after an `ODOMETRY` within which separate positions and attitudes are ignored.
 const ODOMETRY_PREFERENCE: Span = Span::from_millis(500);
 const MAX_SAMPLES: u32 = 50;
-/// Jump of the position above which the origin is requested again, m.
+/// Position jump that triggers a new request for the origin, m.
 const JUMPED_M: f64 = 1.0;
-/// Time constant of the specific force as disarm evidence, s.
+/// Low-pass time constant of the specific force in the disarm evidence, s.
 const SPECIFIC_FORCE_TIME_S: f64 = 0.03;
 
-/// Time for which a quantity of the odometry may be the same bit by bit while the drone moves, s: 25 samples at 50 Hz, the
-/// slowest rate. The noise of the inertial sensors changes every estimate.
+/// Time for which an odometry quantity may stay bit-identical while the drone moves, s: 25 samples at 50 Hz,
+/// the slowest rate. Inertial sensor noise changes every estimate.
 const FROZEN_S: f64 = 0.5;
-/// Rotation that changes the accelerometer's reading by gravity alone, rad: 0.2 m/s², ten steps of its slowest message.
+/// Rotation that changes the accelerometer's reading through gravity alone, rad: 0.2 m/s², ten steps of its
+/// coarsest message.
 const TURNED_RAD: f64 = 0.02;
 
-/// Time, accelerometer and attitude of a report.
+/// Time, accelerometer reading and attitude of a report.
 type Motion = (DroneTime, Vector3<f64>, UnitQuaternion<f64>);
 
-/// First report of a value that has been the same for [`FROZEN_S`].
+/// Time of the first report with the current value, once it has been unchanged for [`FROZEN_S`].
 fn repeated<const N: usize>(
     kept: &mut Option<([f64; N], Motion)>,
     value: [f64; N],
@@ -55,7 +56,6 @@ fn repeated<const N: usize>(
     Some(first).filter(|f| before == value && (now.0 - f.0).secs() >= FROZEN_S)
 }
 
-/// Inertial samples since the last pose.
 #[derive(Clone, Copy, Debug, Default)]
 struct Inertial {
     at: DroneTime,
@@ -71,7 +71,7 @@ pub(crate) struct DroneStateAssembler {
     odometry_at: Option<DroneTime>,
     last: Option<DroneState>,
     pub(crate) reported_resets: Option<u8>,
-    /// Jumps counted by the autopilot. [`crate::odometry`] detects the others.
+    /// Number of jumps counted by the autopilot. [`crate::odometry`] detects uncounted ones.
     pub(crate) resets: u8,
     /// Number of the autopilot's frame; a restart begins a new one.
     pub(crate) frames: u8,
@@ -79,7 +79,7 @@ pub(crate) struct DroneStateAssembler {
     place: Option<([f64; 6], Motion)>,
     turned: Option<([f64; 4], Motion)>,
     force: Option<([f64; 3], Motion)>,
-    /// Frozen quantity, and the one last reported to the operator.
+    /// Currently frozen quantity, and the one last reported to the operator.
     frozen: [Option<&'static str>; 2],
 }
 
@@ -89,7 +89,6 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 }
 
 impl DroneStateAssembler {
-    /// Continues a predecessor's counts.
     pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
         (self.frames, self.reported_resets) = (frames, reported);
     }
@@ -99,7 +98,7 @@ impl DroneStateAssembler {
     }
     pub(crate) fn imu(&mut self, at: DroneTime, accelerometer: [f64; 3]) {
         let f = Vector3::from(accelerometer);
-        // Zeros stand for a missing sensor: no accelerometer is without noise.
+        // A missing sensor gives zeros; a real accelerometer always has noise.
         if !(f.norm() < 500.0) || f == Vector3::zeros() {
             self.rejected = self.rejected.saturating_add(1);
             return;
@@ -118,7 +117,6 @@ impl DroneStateAssembler {
             None => self.rejected = self.rejected.saturating_add(1),
         }
     }
-    /// Stores a position with its velocity for the newest attitude.
     pub(crate) fn position(
         &mut self,
         at: DroneTime,
@@ -166,7 +164,7 @@ impl DroneStateAssembler {
         )
     }
 
-    /// The state with the attitude as `reported`, and `q`, propagated to `at`.
+    /// State at `at`, with both the `reported` attitude and the attitude `q` propagated to `at`.
     fn state(
         &mut self,
         at: DroneTime,
@@ -180,7 +178,7 @@ impl DroneStateAssembler {
         if self.last.is_some_and(|l| at <= l.header.at) {
             return self.reject();
         }
-        // Touchdown detection needs inertial samples, without which the drone is not flown.
+        // Touchdown detection needs inertial samples, so the drone is not flown without them.
         let inertial = self.inertial.as_mut();
         let i = inertial.filter(|i| (at - i.at).abs() <= MAX_IMU_OFFSET)?;
         let accelerometer = i.newest;
@@ -219,7 +217,7 @@ impl DroneStateAssembler {
         self.last = Some(state);
         Some(state)
     }
-    /// Searches the odometry for a quantity that stands still while the drone moves: it is no measurement.
+    /// Checks the odometry for a quantity that is frozen while the drone moves and so is not a measurement.
     fn watch(&mut self, place: [f64; 6], now: Motion) {
         let (_, force, q) = now;
         let moves = |first: Motion| first.1 != force;
@@ -234,16 +232,15 @@ impl DroneStateAssembler {
             self.frozen[0] = Some("accelerometer");
         }
     }
-    /// Report of a quantity that has frozen, or changes again.
     pub(super) fn news(&mut self) -> Option<String> {
         let [now, reported] = self.frozen;
         self.frozen[1] = now;
         let changed = now != reported;
         changed.then(|| match now {
             Some(what) => {
-                format!("its {what} stands still bit by bit while the drone moves: odometry rejected")
+                format!("its {what} is frozen while the drone moves: odometry rejected")
             }
-            None => "its odometry changes again, and is used".into(),
+            None => "its odometry changes again and is used".into(),
         })
     }
     pub(crate) fn restart(&mut self) {
@@ -257,7 +254,7 @@ impl DroneStateAssembler {
     }
 }
 
-/// None outside the rangefinder's limits, and for an invalid 0 m.
+/// Range; None outside the rangefinder's limits and for an invalid 0 m.
 pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
     let ([low, high], variance) = (d.limits_m, d.variance.filter(|v| *v > 0.0));
     let sample = RangeSample {
@@ -273,7 +270,6 @@ pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) 
 pub(super) struct RangeReadings {
     pub(super) feet_m: f64,
     newest: Option<RangeSample>,
-    /// Whether the rangefinder follows the drone.
     pub(super) witness: RangeWitness,
 }
 
@@ -291,7 +287,8 @@ impl RangeReadings {
         let fresh = (self.newest).filter(|r| now - r.header.at <= topics::RANGE.stale_after);
         fresh.map(|r| r.range_m)
     }
-    /// Whether this range (m) is plausible: by the drone's motion, the deck's distance and the forecast.
+    /// Whether this range (m) is consistent with the drone's motion, the distance to the deck and the
+    /// forecast.
     pub(super) fn believes(&self, range_m: f64, forecast_height: Option<f64>) -> bool {
         let height = range_m - self.feet_m;
         height >= -BELOW_FEET_M && !self.witness.contradicts() && !disagree(height, forecast_height)
@@ -301,7 +298,6 @@ impl RangeReadings {
 #[derive(Clone, Debug, Default)]
 pub(super) struct DroneEstimate {
     pub(super) assembler: DroneStateAssembler,
-    /// Number of handled jumps of the autopilot.
     resets: u8,
     pub(super) origin: AutopilotOrigin,
     pub(super) heading: HeadingAlignment,
@@ -333,13 +329,13 @@ impl DroneEstimate {
         self.assembler.restart();
         self.smooth.restart();
     }
-    /// Discards origin and heading, for another autopilot or one that has restarted.
+    /// Discards origin and heading when the autopilot is another one or has restarted.
     pub(super) fn forget(&mut self) {
         self.restart();
         (self.heading, self.origin) = Default::default();
     }
-    /// Smooths new odometry and estimates the wind, and at a known `thrust` (fraction) in flight the hover
-    /// thrust. Returns the drone's own odometry; None before origin and heading are known.
+    /// Smooths new odometry, estimates the wind, and in flight with a known `thrust` (fraction) the hover
+    /// thrust. Returns the drone's own odometry; None until origin and heading are known.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -351,7 +347,7 @@ impl DroneEstimate {
         headers: &mut OutputHeaders,
     ) -> Option<DroneState> {
         self.heading.watch(&reported);
-        // Before the heading is aligned, directions are arbitrary.
+        // Directions are arbitrary until the heading is aligned.
         reported.datum = self.origin.datum.filter(|_| self.heading.was_aligned())?;
         let counted = core::mem::replace(&mut self.resets, self.assembler.resets) != self.assembler.resets;
         let scale = self.origin.map_scale(firmware);
@@ -366,7 +362,7 @@ impl DroneEstimate {
         let before = self.smooth.jumps();
         let mut state = self.smooth.step(&reported, counted);
         if state.check().is_err() {
-            // The sum of the jumps has moved positions out of the message's bounds.
+            // The accumulated jumps have moved positions beyond the message's bounds.
             self.restart();
             state = self.smooth.step(&reported, false);
         }
@@ -380,21 +376,22 @@ impl DroneEstimate {
         self.range.witness.moves(dt.clamp(0.0, 0.1), speed);
         Some(state)
     }
-    /// Height of the feet above the deck, m, speed relative to it, and speed away along its normal, m/s.
+    /// Height of the feet above the deck, m, speed relative to the deck, and separation speed along its
+    /// normal, m/s.
     pub(super) fn relative_to(&self, now: DroneTime, deck: Option<DeckStage>) -> Option<(f64, f64, f64)> {
         let (state, deck) = (self.fresh(now)?, deck?);
         let height = deck.height_of(&state.position()) - self.feet_below_m;
         let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
         Some((height, speed, deck.speed_away(&state.velocity())))
     }
-    /// Transforms a set-point to the frame of the autopilot with this firmware.
+    /// Transforms a set-point to the autopilot's frame for this firmware.
     pub(super) fn for_autopilot(&self, s: &SetPoint, firmware: Option<Firmware>) -> SetPoint {
         let mut s = self.smooth.for_autopilot(s);
         let scale = self.origin.map_scale(firmware);
         s.position = Vector3::from(s.position).component_div(&scale).into();
         s
     }
-    /// Geodetic position of the deck's centre and its height above the sea, m; None without an origin.
+    /// Geodetic position of the deck's centre, and its height above the sea, m; None without an origin.
     pub(super) fn place(&self, deck: &DeckStage) -> Option<(Datum, f64)> {
         let (datum, geoid_m) = self.origin.datum.zip(self.origin.geoid_m)?;
         let from_datum = Vector3::from(deck.position) - self.smooth.jumps().offset;
@@ -462,7 +459,8 @@ mod tests {
         assert_eq!(f.rejected, 3);
     }
 
-    /// Number of states of a moving drone of which one quantity freezes after 1 s, and the reports.
+    /// Number of accepted states of a moving drone when one quantity freezes after 1 s, and the resulting
+    /// texts.
     fn states(froze: [bool; 3]) -> (u32, Vec<String>) {
         let (mut f, mut taken, mut news) = (DroneStateAssembler::default(), 0, Vec::new());
         for k in 0..200_u32 {
@@ -487,7 +485,7 @@ mod tests {
     #[test]
     fn frozen_quantities_of_a_moving_drone() {
         assert_eq!(states([false; 3]), (200, Vec::new()));
-        // A drone at rest without noise: nothing contradicts that it stands still.
+        // A noise-free drone at rest: nothing contradicts constant values.
         assert_eq!(states([true; 3]).0, 200);
         for (froze, what) in [
             ([true, false, false], "position and velocity"),

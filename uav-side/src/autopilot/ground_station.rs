@@ -1,5 +1,5 @@
-//! Reports of a landing to a ground station, through the autopilot: a text for each change of the mission's
-//! state and each alarm, and four named values at a low rate.
+//! Landing reports to a ground station through the autopilot: a text for each change of the mission's state
+//! and for each alarm, and four named values at a low rate.
 
 use alight_shared::admission::Periodic;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
@@ -17,15 +17,15 @@ use super::station_parameters::StationParameters;
 use super::{AutopilotOut, DroneTime};
 
 const VALUES: Span = Span::from_millis(500);
-/// Time that the mission waits for one condition before it is reported.
+/// Time for which the mission must wait for one condition before it is reported.
 const WAITS: Span = Span::from_millis(3000);
-/// Text for an abort or hold so low that a climb would hit the deck harder than the landing.
+/// Text for an abort or hold given so low that a climb would hit the deck harder than the landing.
 const STOPPED_LOW: &str = "Stopped too low to climb: completes the landing";
-/// Name of the distance between the centres of drone and deck, m.
+/// Name of the value with the distance between the centres of drone and deck, m.
 pub const DISTANCE: &str = "deck_m";
-/// Name of the age of the vessel estimate behind the forecast, s.
+/// Name of the value with the age of the vessel estimate behind the forecast, s.
 pub const AGE: &str = "link_age_s";
-/// Names of the true wind's speed, m/s, and of the direction that it comes from, deg.
+/// Names of the values with the true wind speed, m/s, and the direction that the wind comes from, deg.
 pub const WIND: [&str; 2] = ["wind_mps", "wind_deg"];
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,7 +33,6 @@ pub(super) struct GroundReports {
     entered: Option<(State, DroneTime)>,
     /// Awaited condition, start of the wait, and whether it was reported.
     waiting: Option<(ReasonCode, DroneTime, bool)>,
-    /// Last reported reason of a rejected order.
     rejected: Option<ReasonCode>,
     relative: RelativeReports,
     values: Periodic<DroneClock>,
@@ -58,7 +57,7 @@ pub(super) struct Operators {
 }
 
 impl Operators {
-    /// Publishes an order of the remote control's switch or of a ground station; an abort comes first.
+    /// Publishes an order from the remote control's switch or a ground station; an abort takes precedence.
     pub(super) fn publish_order(&mut self, now: DroneTime, m: Option<&MissionState>, out: &mut AutopilotOut) {
         let (by_switch, rejection) = if self.station.aborts() {
             (None, None)
@@ -145,7 +144,7 @@ impl GroundReports {
             }
             waiting => {
                 let nothing = matches!(code, ReasonCode::None | ReasonCode::NotCommanded);
-                // The operator who stopped it has to know at once that the descent is intended.
+                // An operator who ordered the stop must learn at once that the descent is intended.
                 let stopped = code == ReasonCode::CompletesLanding;
                 *waiting = Some((code, now, nothing || stopped));
                 return stopped.then(|| status_text(severity::WARNING, STOPPED_LOW));
@@ -179,7 +178,7 @@ fn severity_of(m: &MissionState) -> u8 {
     }
 }
 
-/// ASCII text, in several STATUSTEXTs if it is long.
+/// Splits a long ASCII text into several STATUSTEXTs.
 fn status_text(severity: u8, text: &str) -> MavlinkMessage {
     let ascii = |c: char| match c {
         '²' => '2',

@@ -1,8 +1,8 @@
 //! Optional disarm after a landing that the autopilot flies by itself to the deck sent by Alight. It replaces
-//! the autopilot's land detector, which is made for ground at rest.
+//! the autopilot's land detector, which is designed for ground at rest.
 //!
-//! The mission detects no touchdown in such a landing. In addition to the evidence of [`super::disarm`] the
-//! deck's forecast, a longer duration and a drone that moves with the deck are required.
+//! In such a landing the mission detects no touchdown. In addition to the evidence of [`super::disarm`], a
+//! disarm therefore needs the deck's forecast, a longer duration, and a drone that moves with the deck.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -11,14 +11,14 @@ use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_
 use super::message::severity;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
 
-/// Duration of the evidence, s. A drone that hovers low over a deck in waves does not reach it.
+/// Duration of the evidence, s. A drone that hovers low over a deck in waves does not hold it for so long.
 const HOLD_S: f64 = 1.0;
 
 impl AutopilotLink {
     pub(super) fn disarm_own_landing(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let c = self.config.disarm;
         let lands = |p: &super::MavlinkPeer| p.armed && p.mode == AutopilotMode::Land;
-        // The autopilot's own landing needs no mission. Shadow mode commands nothing.
+        // The autopilot's own landing needs no mission. In shadow mode nothing is commanded.
         if !(c.own_landing && !self.inputs.looks_on() && self.peer.as_ref().is_some_and(lands)) {
             self.disarm.own_landing.clear();
             return;
@@ -41,7 +41,7 @@ impl AutopilotLink {
         };
         if self.disarm.own_landing.step(now, &evidence, &lasting) == DisarmDecision::Command {
             if self.disarm.own_landing.sent() == 1 {
-                let text = "the autopilot has landed on the deck by itself: disarms".to_owned();
+                let text = "the autopilot has landed on the deck by itself: disarming".to_owned();
                 out.alarm(severity::NOTICE, text);
             }
             self.command_disarm(self.disarm.own_landing.sent(), out);

@@ -1,9 +1,10 @@
-//! Alignment of the autopilot's heading, without which Alight does not fly.
+//! Alignment of the autopilot's heading, which Alight needs before it flies.
 //!
-//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good, and align the heading by the
-//! magnetometer 0.4 to 2 s later, by up to 180 deg. Both fuse GNSS only after tilt and heading are aligned
-//! (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`: `yawAlignComplete`), so an absolute
-//! position shows the alignment. Without a status a heading that has not jumped for [`STEADY_S`] is aligned.
+//! PX4 and ArduPilot report the origin of their NED as soon as GNSS is good. They align the heading with the
+//! magnetometer 0.4 to 2 s later, which turns it by up to 180 deg. Both fuse GNSS only after tilt and heading
+//! are aligned (PX4 `EKF2`: `yaw_align` before GNSS fusion; ArduPilot `EKF3`: `yawAlignComplete`), so an
+//! absolute position implies alignment. Without a status, a heading that has not jumped for [`STEADY_S`]
+//! counts as aligned.
 
 use alight_shared::msg::DroneState;
 use alight_shared::time::Span;
@@ -14,12 +15,13 @@ use super::message::estimator;
 use crate::odometry::origin::yaw_jump;
 
 const STATUS_STALE: Span = Span::from_millis(3000);
-/// Time without a jump after which a heading without a status is aligned, s: five times the longest measured.
+/// Time without a jump after which a heading without a status counts as aligned, s: five times the longest
+/// measured.
 const STEADY_S: f64 = 10.0;
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct HeadingAlignment {
-    /// Time of the newest status, and whether the heading was aligned.
+    /// Time of the newest status, and whether it reported an aligned heading.
     status: Option<(DroneTime, bool)>,
     last: Option<(DroneTime, UnitQuaternion<f64>, Vector3<f64>)>,
     steady_since: Option<DroneTime>,
@@ -34,7 +36,6 @@ impl HeadingAlignment {
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
-    /// Checks the autopilot's odometry for jumps of the heading.
     pub(crate) fn watch(&mut self, d: &DroneState) {
         let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
         let jumped = self.last.is_some_and(|(then, before, turned)| {
@@ -56,7 +57,7 @@ impl HeadingAlignment {
     pub(crate) fn resume(&mut self) {
         self.was_aligned = true;
     }
-    /// Whether the heading was aligned once, so that odometry and set-points have the same heading.
+    /// Whether the heading has been aligned, so that odometry and set-points share it.
     pub(crate) fn was_aligned(&self) -> bool {
         self.was_aligned
     }
@@ -88,7 +89,7 @@ mod tests {
     #[test]
     fn alignment_by_the_estimators_status() {
         let mut h = HeadingAlignment::default();
-        // Before the alignment PX4 reports tilt, height and constant position.
+        // Until the alignment PX4 reports tilt, height and constant position.
         h.status(
             at(1.0),
             estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,
@@ -97,7 +98,7 @@ mod tests {
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
         h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
         assert!(h.was_aligned() && h.is_aligned(at(21.0)));
-        // Without alignment a flight continues, but no landing begins.
+        // When alignment is lost a flight continues, but no landing begins.
         h.status(at(30.0), estimator::ATTITUDE);
         assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
     }

@@ -13,7 +13,7 @@ use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
-/// Silence of an autopilot after which it counts as gone and another one is accepted, s.
+/// Silence after which an autopilot counts as gone and another one is accepted, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
@@ -95,7 +95,6 @@ impl AutopilotLink {
             MavlinkMessage::Mode { custom_mode } => {
                 peer.streams.received(message::id::CURRENT_MODE);
                 peer.on_mode(*custom_mode);
-                // Reports the mode like a heartbeat.
                 return true;
             }
             MavlinkMessage::Landed { state } => {
@@ -167,7 +166,7 @@ impl AutopilotLink {
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
-            // Addressed to others.
+            // Addressed to other systems.
             MavlinkMessage::ParameterList { .. }
             | MavlinkMessage::ParameterRequest { .. }
             | MavlinkMessage::ParameterSet { .. }
@@ -223,7 +222,7 @@ impl AutopilotLink {
             && result == CommandResult::Accepted
             && departure.disarms() + d.touchdown.sent() + d.alone.sent() + d.own_landing.sent() > 0
         {
-            // PX4's next heartbeat may be a second later.
+            // PX4's next heartbeat may be a second away.
             peer.armed = false;
         } else if matches!(
             command,
@@ -250,7 +249,7 @@ impl AutopilotLink {
         out.alarm(severity, format!("{place} commands {order}"));
     }
 
-    /// Answers a ground station's request; false for other frames.
+    /// Answers a ground station's request; returns false for other frames.
     fn asked_by_station(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
         let own = self.address();
         if let MavlinkMessage::Command(c) = &frame.message
@@ -323,13 +322,13 @@ impl AutopilotLink {
         }
     }
 
-    /// Whether this is the address of the vehicle's autopilot.
+    /// Whether the vehicle's autopilot has this address.
     pub(super) fn accepts(&self, from: Address) -> bool {
         let wanted = self.config.vehicle;
         from.component == message::AUTOPILOT_COMPONENT && (wanted == 0 || wanted == from.system)
     }
 
-    /// System number of another vehicle's autopilot, when none is configured.
+    /// System number of another vehicle's autopilot, if none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
         let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.others.autopilot?);
         let recent = (now - at).secs() <= OTHER_AFTER_S;

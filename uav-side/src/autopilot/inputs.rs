@@ -1,5 +1,5 @@
-//! Newest message of each of the other nodes, and shadow mode, which compares the pilot node's set-points
-//! with the drone's motion and commands nothing.
+//! Newest message from each of the other nodes, and shadow mode, in which the pilot node's set-points are
+//! only compared with the drone's motion.
 
 use alight_shared::admission::Latest;
 use alight_shared::msg::{
@@ -17,7 +17,7 @@ use crate::contingency::GOES_ON_WITHOUT_MISSION_S;
 pub(super) struct LinkInputs {
     set_point: Latest<SetPoint>,
     pub(super) mission: Latest<MissionState>,
-    /// Landing mode of the mission, at any age; None before the first state.
+    /// Landing mode of the mission, of any age; None before the first state.
     pub(super) mode: Option<LandingMode>,
     forecast: Latest<DeckForecast>,
 }
@@ -44,7 +44,6 @@ impl LinkInputs {
     pub(super) fn fresh_state(&self, now: DroneTime) -> Option<State> {
         self.fresh_mission(now).map(|m| m.state)
     }
-    /// Last state of the mission, for as long as the pilot node uses it.
     pub(super) fn last_mission(&self, now: DroneTime) -> Option<&MissionState> {
         let goes_on = Span::from_secs(GOES_ON_WITHOUT_MISSION_S);
         self.mission.fresh(now, topics::MISSION.stale_after + goes_on)
@@ -55,7 +54,7 @@ impl LinkInputs {
     pub(super) fn fresh_forecast(&self, now: DroneTime) -> Option<&DeckForecast> {
         self.forecast.fresh(now, topics::FORECAST.stale_after)
     }
-    /// Forecast deck at `now`, as the pilot node uses it.
+    /// Forecast deck at `now`, under the same conditions as in the pilot node.
     pub(super) fn deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.forecast.get()?;
         forecast.at(now.max(forecast.header.at))
@@ -67,19 +66,19 @@ impl LinkInputs {
         let deck = self.deck(now).filter(|_| follows && known)?;
         Some(Vector3::from(deck.velocity).xy())
     }
-    /// The deck, unless only a beacon gives it: an unauthenticated position is not passed on.
+    /// Deck, unless only a beacon gives it, because an unauthenticated position is not forwarded.
     pub(super) fn known_deck(&self, now: DroneTime) -> Option<DeckStage> {
         let forecast = self.fresh_forecast(now)?;
         self.deck(now)
             .filter(|_| forecast.vessel_level() != VesselLevel::Beacon)
     }
-    /// Age of the vessel estimate behind the forecast, s; None before the first.
+    /// Age of the vessel estimate behind the forecast, s; None before the first one.
     pub(super) fn link_age_s(&self, now: DroneTime) -> Option<f64> {
         let forecast = self.forecast.get()?;
         let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
         age_s.is_finite().then_some(age_s)
     }
-    /// Whether the link may command anything. A mission may be in shadow mode before its first state.
+    /// Whether the link may command. Before its first state a mission might be in shadow mode.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
             Some(LandingMode::Land | LandingMode::Match) => true,
@@ -91,8 +90,8 @@ impl LinkInputs {
         self.mode == Some(LandingMode::Shadow)
     }
 
-    /// Comparison of the pilot node's set-point with the drone's motion in a shadow mission: angle between
-    /// the thrust axes, and difference of the velocities, at the same time although the attitude lags.
+    /// Compares the pilot node's set-point with the drone's motion in a shadow mission: angle between the
+    /// thrust axes, and velocity difference, at the same time despite the attitude lag.
     pub(super) fn shadow(&self, now: DroneTime, own: Option<DroneState>) -> Option<ShadowComparison> {
         let mission = self.fresh_mission(now);
         mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;

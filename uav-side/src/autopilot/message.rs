@@ -1,8 +1,8 @@
-//! MAVLink messages of Alight in SI units, radians and plain enums.
+//! MAVLink messages that Alight uses, in SI units, radians and plain enums.
 //!
-//! The state machine of this folder uses only these types. Bytes and the MAVLink crate are behind
-//! [`super::wire`], so that a new release or dialect changes one file, and tests simulate an autopilot
-//! without bytes. Numbers are those of MAVLink's `common` dialect.
+//! The state machine in this folder uses only these types. Bytes and the MAVLink crate are hidden in
+//! [`super::wire`], so a new release or dialect changes one file, and tests simulate an autopilot without
+//! bytes. Numbers are those of MAVLink's `common` dialect.
 
 use alight_shared::geodesy::Datum;
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,7 @@ pub const ARDUPILOT: u8 = 3;
 /// `MAV_AUTOPILOT_PX4`.
 pub const PX4: u8 = 12;
 
-/// Number of outputs that Alight reads: those of an octorotor.
+/// Number of outputs that Alight reads, enough for an octorotor.
 pub const OUTPUTS: usize = 8;
 
 /// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
@@ -55,9 +55,9 @@ pub const ARMED: u8 = 128;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum CommandResult {
     Accepted,
-    /// A repetition may succeed.
+    /// A retry may succeed.
     TemporarilyRejected,
-    /// A repetition in the same state fails as well.
+    /// A retry in the same state fails again.
     Denied,
     Unsupported,
     Failed,
@@ -67,7 +67,6 @@ pub enum CommandResult {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum VelocityFrame {
-    /// NED frame of the position.
     Ned,
     /// Body frame: forward, right, down.
     Body,
@@ -83,7 +82,7 @@ pub struct CommandLong {
 }
 
 impl CommandLong {
-    /// The other parameters are zero.
+    /// Command with these first parameters; the others are zero.
     pub fn new<const N: usize>(to: Address, command: u16, first: [f64; N]) -> CommandLong {
         let mut parameters = [0.0; 7];
         parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
@@ -94,7 +93,7 @@ impl CommandLong {
             parameters,
         }
     }
-    /// Number `sent` of a series.
+    /// Disarm command number `sent` of a series.
     pub(crate) fn disarm(to: Address, sent: u32) -> CommandLong {
         CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
@@ -106,7 +105,7 @@ impl CommandLong {
     }
 }
 
-/// All of position, velocity, acceleration, yaw and yaw rate are used.
+/// Set-point whose position, velocity, acceleration, yaw and yaw rate are all used.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PositionTarget {
     pub to: Address,
@@ -129,11 +128,11 @@ pub struct AttitudeThrustTarget {
     pub attitude: [f64; 4],
     /// Body rates, rad/s; None if unused.
     pub rates: Option<[f64; 3]>,
-    /// Collective thrust as the autopilot commands it, 0 to 1.
+    /// Collective thrust as an autopilot command, 0 to 1.
     pub thrust: f64,
 }
 
-/// Pose and motion of the vehicle with their covariance (`ODOMETRY`).
+/// Pose and velocity of the vehicle with their covariance (`ODOMETRY`).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OdometryReport {
     /// Autopilot's time, us.
@@ -147,9 +146,8 @@ pub struct OdometryReport {
     pub frame: VelocityFrame,
     /// Body, rad/s.
     pub rates: [f64; 3],
-    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None when not reported.
+    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None if not reported.
     pub variances: Option<[[f64; 3]; 3]>,
-    /// Number of jumps of the estimate.
     pub resets: u8,
 }
 
@@ -161,7 +159,6 @@ pub struct Heartbeat {
     pub vehicle: u8,
     /// `MAV_MODE_FLAG` bits.
     pub base_mode: u8,
-    /// Mode number of the firmware.
     pub custom_mode: u32,
 }
 
@@ -198,16 +195,16 @@ pub struct ImuReport {
     pub gyro: [f64; 3],
 }
 
-/// The meaning of the bits depends on the firmware.
+/// Parameter value whose bit encoding depends on the firmware.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ParameterValue {
-    /// The message's float.
+    /// Bits of the message's float.
     pub bits: u32,
     /// Whether the message declares an integer type.
     pub integer: bool,
 }
 
-/// `DISTANCE_SENSOR` that points down.
+/// `DISTANCE_SENSOR` that points downwards.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DistanceReport {
     /// Autopilot's time, ms.
@@ -220,11 +217,11 @@ pub struct DistanceReport {
     pub variance: Option<f64>,
 }
 
-/// From the autopilot's receiver.
+/// Remote control channels as the autopilot's receiver reports them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RcChannels {
     pub count: u8,
-    /// Pulse of each channel, us; 65535: no such channel.
+    /// Pulse of each channel, us; 65535: channel absent.
     pub pulses_us: [u16; 18],
 }
 
@@ -254,10 +251,10 @@ impl TargetFrame {
 /// `LANDING_TARGET` with a position (`position_valid` 1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandingTarget {
-    /// us; PX4: our time, which it converts; ArduPilot: its own time.
+    /// Time, us: our time for PX4, which converts it; the autopilot's own time for ArduPilot.
     pub time_us: u64,
     pub frame: TargetFrame,
-    /// Deck's centre, m.
+    /// Centre of the deck, m.
     pub position: [f64; 3],
     /// Distance from the vehicle to the deck's centre, m; 0: not stated.
     pub distance_m: f64,
@@ -272,7 +269,7 @@ pub struct LandingTarget {
 pub struct TargetRelative {
     /// Our time, us.
     pub time_us: u64,
-    /// Relative to the vehicle, NED, m.
+    /// Position relative to the vehicle, NED, m.
     pub position: [f64; 3],
     pub position_sd: [f64; 3],
     /// NED from target (w, x, y, z).
@@ -286,7 +283,7 @@ pub struct TargetRelative {
 pub struct TargetAbsolute {
     /// Our time, us.
     pub time_us: u64,
-    /// Height above the sea.
+    /// Geodetic position, with height above the sea.
     pub place: Datum,
     /// Standard deviations of the place, horizontal and vertical, m.
     pub place_sd: [f64; 2],
@@ -322,11 +319,11 @@ pub enum MavlinkMessage {
     /// `BATTERY_STATUS`.
     Battery {
         number: u8,
-        /// Remaining charge, 0 to 1; None when not reported.
+        /// Remaining charge, 0 to 1; None if not reported.
         remaining: Option<f64>,
-        /// V; None when not reported.
+        /// V; None if not reported.
         voltage_v: Option<f64>,
-        /// A; None when not reported.
+        /// A; None if not reported.
         current_a: Option<f64>,
     },
     /// `SERVO_OUTPUT_RAW`: signals at the autopilot's outputs.
@@ -335,9 +332,9 @@ pub enum MavlinkMessage {
         /// Pulses, us, or the numbers of a digital protocol; 0: none.
         pulses_us: [u16; OUTPUTS],
     },
-    /// `ATTITUDE_TARGET`: present reference of the autopilot's attitude loop.
+    /// `ATTITUDE_TARGET`: current reference of the autopilot's attitude loop.
     AttitudeTargetThrust {
-        /// Collective, 0 to 1.
+        /// Collective thrust, 0 to 1.
         thrust: f64,
     },
     /// `PARAM_REQUEST_LIST`.
@@ -368,11 +365,12 @@ pub enum MavlinkMessage {
         index: u16,
         count: u16,
     },
-    /// `GPS_GLOBAL_ORIGIN`: origin of the autopilot's NED; height above mean sea level.
+    /// `GPS_GLOBAL_ORIGIN`: origin of the autopilot's NED, with height above mean sea level.
     Origin(Datum),
-    /// `HOME_POSITION`: destination of the return mode; height above mean sea level.
+    /// `HOME_POSITION`: destination of return mode, with height above mean sea level.
     Home(Datum),
-    /// `GPS_RAW_INT`: GNSS height above mean sea level and above the ellipsoid, m; the latter 0 when unknown.
+    /// `GPS_RAW_INT`: GNSS height above mean sea level and above the ellipsoid, m; the latter is 0 if
+    /// unknown.
     GnssHeights {
         /// `alt`.
         sea_m: f64,
@@ -381,13 +379,13 @@ pub enum MavlinkMessage {
     },
     /// `GLOBAL_POSITION_INT`: position of a system.
     GlobalPosition(PlaceReport),
-    /// `FOLLOW_TARGET`: position of a phone or a ground station.
+    /// `FOLLOW_TARGET`: position of a phone or ground station.
     FollowTarget(PlaceReport),
-    /// `AIS_VESSEL` or a sentence of an AIS receiver: position of a vessel.
+    /// `AIS_VESSEL` or an AIS receiver's sentence: position of a vessel.
     Ais(AisReport),
     /// Report of the drone's own GNSS receiver; not a MAVLink message.
     RelativePlace(RelativeReport),
-    /// `GPS_RTCM_DATA`: RTCM frame for the autopilot's receiver, or a fragment of one.
+    /// `GPS_RTCM_DATA`: RTCM frame, or fragment of one, for the autopilot's receiver.
     Rtcm {
         /// Bit 0: fragmented; bits 1 and 2: fragment number; bits 3 to 7: frame number.
         flags: u8,
@@ -398,7 +396,7 @@ pub enum MavlinkMessage {
     CommandInt {
         to: Address,
         command: u16,
-        /// First four parameters of the command; Alight's orders have no geodetic position.
+        /// First four parameters of the command; Alight's orders use no geodetic position.
         first: [f64; 4],
     },
     CommandAck {
@@ -415,14 +413,15 @@ pub enum MavlinkMessage {
     LandingTarget(LandingTarget),
     /// `TARGET_RELATIVE`: deck for PX4's vision target estimator, as a detected marker.
     TargetRelative(TargetRelative),
-    /// `TARGET_ABSOLUTE`: deck for PX4's vision target estimator, as a receiver on the deck.
+    /// `TARGET_ABSOLUTE`: deck for PX4's vision target estimator, as a receiver on the target.
     TargetAbsolute(TargetAbsolute),
-    /// `DEBUG_FLOAT_ARRAY` named "deck"; an autopilot would take `ODOMETRY` for its own pose.
+    /// `DEBUG_FLOAT_ARRAY` named "deck". `ODOMETRY` is not used, because an autopilot would treat it as its
+    /// own pose.
     Deck {
         /// Autopilot's time, us.
         time_us: u64,
-        /// Position (m) and velocity (m/s) in NED, roll, pitch, yaw (rad), their rates, and position
-        /// deviation.
+        /// Position (m), velocity (m/s) in NED, roll, pitch, yaw (rad), their rates (rad/s), and standard
+        /// deviation of the position (m).
         values: [[f64; 3]; 5],
     },
     /// `SYS_STATUS`: sensors as bits of `MAV_SYS_STATUS_SENSOR`.
@@ -450,10 +449,10 @@ pub enum MavlinkMessage {
     },
     /// `RC_CHANNELS`.
     RemoteControl(RcChannels),
-    /// `RC_CHANNELS_OVERRIDE`: first eight channels, set by a ground station.
+    /// `RC_CHANNELS_OVERRIDE`: first eight channels, as set by a ground station.
     RemoteControlOverride {
         to: Address,
-        /// Pulse of each channel, us; 0: controlled by the receiver again, 65535: the last value stays in force.
+        /// Pulse of each channel, us; 0: returned to the receiver, 65535: unchanged.
         pulses_us: [u16; 8],
     },
     /// `NAMED_VALUE_FLOAT`.
@@ -475,11 +474,11 @@ pub enum MavlinkMessage {
     HilSensor(HilSensor),
     /// `HIL_GPS` of a simulator.
     HilGps(HilGps),
-    /// `HIL_ACTUATOR_CONTROLS`: commands of a firmware to its simulated motors.
+    /// `HIL_ACTUATOR_CONTROLS`: outputs of a firmware to its simulated motors.
     HilActuators {
         /// Firmware's time, us.
         time_us: u64,
-        /// Outputs, 0 to 1 for motors.
+        /// Outputs; 0 to 1 for motors.
         controls: [f64; 16],
         /// `MAV_MODE_FLAG` bits.
         mode: u8,
@@ -512,7 +511,7 @@ pub struct HilGps {
     pub altitude_m: f64,
     /// NED, m/s.
     pub velocity: [f64; 3],
-    /// Reported standard deviations, horizontal and vertical, m.
+    /// Reported horizontal and vertical standard deviations, m.
     pub sd_m: [f64; 2],
 }
 

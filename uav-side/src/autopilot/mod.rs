@@ -1,5 +1,5 @@
-//! MAVLink link to an autopilot (PX4, ArduCopter) as a node of received and sent messages. It has no socket
-//! and no clock, so that a test can simulate the autopilot on the same clock; its process is `alight
+//! MAVLink link to an autopilot (PX4, ArduCopter) as a node with messages as input and output. It has no
+//! socket and no clock, so a test can simulate the autopilot on the same clock. Its process is `alight
 //! autopilot`.
 //!
 //! Read in this order:
@@ -9,11 +9,11 @@
 //!   shadow mode);
 //! - [`ground_station`], [`station`] and [`rc_switch`] (operators at a ground station and at the remote control, and
 //!   their [`orders`]), [`station_parameters`] (mission settings of a ground station);
-//! - [`guidance`] (the autopilot's own landing), [`own_mission`] (its own mission), `beacon` (the vessel's position by
-//!   other systems, with [`ais`]), `moving_base` (RTCM to the drone's receiver and its relative place, with
-//!   [`receiver`]);
-//! - [`checkpoint`], [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (autopilot parameters that a
-//!   landing depends on), and [`wire`] for the bytes.
+//! - [`guidance`] (the autopilot's own landing), [`own_mission`] (its own mission), `beacon` (vessel position
+//!   from other systems, with [`ais`]), `moving_base` (RTCM for the drone's receiver and the relative
+//!   position that it measures, with [`receiver`]);
+//! - [`checkpoint`], [`clock`], [`streams`], [`drone_state`], [`modes`], [`parameters`] (autopilot parameters
+//!   that affect a landing), and [`wire`] (bytes).
 //!
 //! Safety does not depend on this node. Without its set-points PX4 leaves OFFBOARD after COM_OF_LOSS_T and
 //! enters the failsafe of COM_OBL_RC_ACT; ArduCopter stops after GUID_TIMEOUT and holds in GUIDED (after an
@@ -90,17 +90,17 @@ type DroneTime = Time<DroneClock>;
 
 pub const MAX_FRAMES: usize = 512;
 const MAX_TEXTS: usize = 8;
-/// Period of our heartbeat, as usual in MAVLink.
+/// Heartbeat period, as is usual in MAVLink.
 const HEARTBEAT: Span = Span::from_millis(1000);
-/// Period of the report that a landed drone is still armed.
+/// Period of the text that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
 const STATE: Span = Span::from_millis(100);
-/// Maximum time to confirm or reject our command: several heartbeats and requests.
+/// Maximum time until our command counts as confirmed or rejected: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct AutopilotIn {
-    /// Frames of the link, in order of arrival.
+    /// Frames from the link, in order of arrival.
     pub received: Vec<MavlinkFrame>,
     pub set_point: Option<SetPoint>,
     pub mission: Option<MissionState>,
@@ -114,7 +114,7 @@ pub struct AutopilotIn {
 pub struct AutopilotOut {
     pub from: Address,
     pub messages: Vec<MavlinkMessage>,
-    /// Smoothed odometry, in the order of its time.
+    /// Smoothed odometry, in time order.
     pub odometry: Vec<DroneState>,
     pub state: Option<AutopilotState>,
     pub ranges: Vec<RangeSample>,
@@ -124,12 +124,12 @@ pub struct AutopilotOut {
     pub beacon: Option<DeckBeacon>,
     pub relative: Vec<RelativePlace>,
     pub rtcm: Vec<Vec<u8>>,
-    /// Changes of control authority, denied commands, and the autopilot's own texts.
+    /// Texts on authority changes and denied commands, and the autopilot's own texts.
     pub texts: Vec<String>,
 }
 
 wiring! {
-    /// Odometry is written last, because it wakes the other nodes.
+    /// Odometry is written last, because it triggers the other nodes.
     AutopilotPorts of AutopilotLink: AutopilotIn => AutopilotOut {
         reads {
             newest set_point: SetPoint,
@@ -155,13 +155,14 @@ wiring! {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkMetrics {
     pub clock_uncertainty_s: f64,
-    /// Rejected samples and TIMESYNC answers.
+    /// Number of rejected samples and TIMESYNC answers.
     pub rejected: u32,
     pub restarts: u32,
     pub hover_thrust: f64,
     pub set_points: u32,
     pub rtcm_passed_on: u32,
-    /// RTCM frames that were too long, too old or damaged, or came before an autopilot was found.
+    /// Number of RTCM frames that were too long, too old or damaged, or that came before an autopilot was
+    /// found.
     pub rtcm_dropped: u32,
 }
 
@@ -254,7 +255,7 @@ impl AutopilotLink {
             rtcm_dropped: self.moving_base.dropped,
         }
     }
-    /// Vehicle's system number, unless configured otherwise.
+    /// Our address: the vehicle's system number unless configured otherwise.
     fn address(&self) -> Address {
         let system = match self.config.system {
             0 => self.peer.as_ref().map_or(1, |p| p.address.system),
@@ -292,7 +293,7 @@ impl AutopilotLink {
             odometry: if e.heading.was_aligned() {
                 (e.state).is_some_and(|s| recent(s.header.at, self.config.odometry_loss_s))
             } else {
-                // The heading has to be observed before odometry is passed on.
+                // The heading must be monitored before odometry is forwarded.
                 e.heading.is_watched(now, self.config.odometry_loss_s)
             },
             thrust: p.and_then(|p| p.parameters.thrust_is_thrust()),
@@ -303,7 +304,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Sends messages that are due under every authority: heartbeat, clock, streams, parameters.
+    /// Sends messages that are due under any authority: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if self.timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
             out.messages.push(MavlinkMessage::Heartbeat(Heartbeat {
@@ -320,7 +321,7 @@ impl AutopilotLink {
         out.messages.extend(self.estimate.origin.ask(now, peer.address));
     }
 
-    /// State for the other nodes, with OFFBOARD only while it is ours.
+    /// State for the other nodes; reports OFFBOARD only while this link may use it.
     fn state_report(&mut self, now: DroneTime, changed: bool, alive: bool) -> Option<AutopilotState> {
         if !alive || self.is_undecided(now) || !self.timers.state.is_ready(now) && !changed {
             return None;
@@ -385,7 +386,7 @@ impl AutopilotLink {
                     | ControlAuthority::TakenOver { .. }
             )
     }
-    /// State that is published at once when it changes.
+    /// Fields whose changes are published at once.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
         peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.monitor.now()))

@@ -1,4 +1,4 @@
-//! Mode numbers of PX4 and ArduCopter.
+//! Flight mode numbers of PX4 and ArduCopter.
 
 use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
@@ -15,12 +15,12 @@ pub enum Firmware {
     ArduCopter,
 }
 
-/// `MAV_TYPE`s of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca-
-/// and decarotor. Boats and planes have other mode numbers.
+/// `MAV_TYPE` of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca- and
+/// decarotor. Boats and planes use other mode numbers.
 const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
 
 impl Firmware {
-    /// None if the sender is not the autopilot of a multirotor or helicopter.
+    /// Firmware of a sender; None unless it is the autopilot of a multirotor or helicopter.
     pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
         if !COPTERS.contains(&vehicle) {
             return None;
@@ -40,7 +40,7 @@ impl Firmware {
             Firmware::ArduCopter => ARDUPILOT,
         }
     }
-    /// Earth radius that the firmware uses between latitude, longitude and NED, m.
+    /// Earth radius with which the firmware converts latitude and longitude to NED, m.
     /// Source: PX4's `CONSTANTS_RADIUS_OF_EARTH`; ArduPilot's `LATLON_TO_M`.
     pub const fn map_radius_m(self) -> f64 {
         match self {
@@ -54,7 +54,8 @@ impl Firmware {
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// Meaning of a custom mode. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode number.
+    /// Mode of a custom mode number. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode
+    /// number.
     pub fn mode(self, custom: u32) -> AutopilotMode {
         match self {
             Firmware::Px4 => match ((custom >> 16) & 0xff, custom >> 24) {
@@ -80,7 +81,7 @@ impl Firmware {
             Firmware::ArduCopter => custom == 3,
         }
     }
-    /// PX4 copies an integer's bytes into the float, ArduCopter casts it.
+    /// Value of a parameter. PX4 copies an integer's bytes into the float; ArduCopter casts the integer.
     pub fn parameter(self, value: ParameterValue) -> f64 {
         match (self, value.integer) {
             (Firmware::Px4, true) => f64::from(value.bits.cast_signed()),
@@ -133,7 +134,7 @@ mod tests {
         assert_eq!(copter(4), AutopilotMode::Offboard);
         assert_eq!(copter(9), AutopilotMode::Land);
         assert_eq!(copter(6), AutopilotMode::Return);
-        // STABILIZE, and PX4's OFFBOARD, which ArduCopter does not know.
+        // STABILIZE, and the number of PX4's OFFBOARD, which ArduCopter does not know.
         assert_eq!(copter(0), AutopilotMode::Other);
         assert_eq!(copter(px4_mode(6, 0)), AutopilotMode::Other);
     }

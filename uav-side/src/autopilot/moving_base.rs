@@ -1,7 +1,8 @@
-//! Moving base: RTCM of the vessel's receiver for the drone's receiver, and the resulting relative place.
+//! Moving base: sends RTCM from the vessel's receiver to the drone's receiver, and dates the relative
+//! position that the drone's receiver measures.
 //!
-//! If the drone has no receiver of its own (`autopilot.receiver`), the frames go to the autopilot's receiver as
-//! `GPS_RTCM_DATA`.
+//! If the drone has no receiver of its own (`autopilot.receiver`), the frames go to the autopilot's receiver
+//! as `GPS_RTCM_DATA`.
 //! Source: MAVLink's definition of `GPS_RTCM_DATA`.
 
 use alight_shared::estimation::{Rollover, SourceClock};
@@ -15,9 +16,9 @@ use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
 use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
 
 const FRAGMENT_BYTES: usize = 180;
-/// Maximum number of fragments of a frame: their number has two bits.
+/// Maximum number of fragments per frame: the fragment number has two bits.
 const MAX_FRAGMENTS: usize = 4;
-/// Maximum number of messages that a step passes on: the capacity of the topic.
+/// Maximum number of messages forwarded per step: the capacity of the topic.
 const MAX_RTCM: usize = 32;
 /// Validity of the antenna position stated in a frame.
 const BASE_LASTS: Span = Span::from_millis(10_000);
@@ -25,13 +26,13 @@ const TEXT_PAUSE: Span = Span::from_millis(5000);
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct MovingBase {
-    /// Sequence number of the frames to the autopilot; its low five bits are sent.
+    /// Sequence number of frames to the autopilot; the low five bits are sent.
     sequence: u8,
     pub(super) passed_on: u32,
     pub(super) dropped: u32,
-    /// Header of the newest frame, and the antenna position that it states.
+    /// Header of the newest frame that states the vessel's antenna position, and that position.
     base: Option<(Header<DroneClock>, [f32; 3])>,
-    /// Station of the newest observations, and time of the newest warning about another one.
+    /// Station number of the newest observations, and time of the newest warning about a different one.
     station: Option<u16>,
     warned: Option<DroneTime>,
     week: Rollover<WEEK_NS>,
@@ -75,7 +76,7 @@ impl MovingBase {
             }
         }
     }
-    /// Passes a frame on; returns false if that is impossible.
+    /// Forwards a frame; returns false if it cannot be sent.
     fn pass_on(&mut self, frame: &[u8], target: RtcmTarget, out: &mut AutopilotOut) -> bool {
         match target {
             RtcmTarget::Receiver => out.rtcm.push(frame.to_vec()),
@@ -90,7 +91,7 @@ impl MovingBase {
         }
         true
     }
-    /// Warning that the receiver's place is relative to another station than the vessel's.
+    /// Warns that the receiver's position is relative to a station other than the vessel's.
     pub(super) fn other_station(&mut self, now: DroneTime, report: &RelativeReport) -> Option<String> {
         let (theirs, own) = report
             .station
@@ -104,9 +105,9 @@ impl MovingBase {
             "Moving base not used: receiver has RTCM station {theirs}, vessel sends {own}: stop other corrections"
         ))
     }
-    /// Relative place from a report that arrives at `now`, at least `latency` after its measurement, on the drone's
-    /// clock. None while the vessel's antenna position is unknown, if the time is implausible, and if the report
-    /// contains the time alone.
+    /// Relative position from a report that arrives at `now`, at least `latency` after its measurement, on
+    /// the drone's clock. None while the vessel's antenna position is unknown, if the time is implausible, or
+    /// if the report contains only the time.
     pub(super) fn place(
         &mut self,
         now: DroneTime,
@@ -123,7 +124,7 @@ impl MovingBase {
             CarrierSolution::None
         };
         let (base, antenna_m) = self.base.filter(|(base, _)| now - base.at <= BASE_LASTS)?;
-        // Without a place only the state of the solution is published.
+        // Without a position only the state of the solution is published.
         let [baseline_m, baseline_sd_m] = report
             .place
             .filter(|_| is_own)
@@ -142,8 +143,8 @@ impl MovingBase {
     }
 }
 
-/// Fragments of a frame with this sequence number; None for a frame that is too long. For the receiver a frame ends
-/// with a fragment that is not full, or with the fourth fragment.
+/// Fragments of a frame with this sequence number; None if the frame is too long. A receiver recognises the
+/// end of a frame by a fragment that is not full, or by the fourth fragment.
 fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
     const FRAGMENTED: u8 = 1;
     let sequence = (sequence & 31) << 3;
@@ -169,7 +170,7 @@ fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
     )
 }
 
-/// State of the relative place as last reported to ground stations.
+/// State of the relative position as last reported to ground stations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum ReportedRelative {
     #[default]
@@ -195,11 +196,11 @@ impl RelativeReports {
             Some(r) => match (r.contradicted_m, r.solution) {
                 (Some(m), _) => (
                     ReportedRelative::Contradicted,
-                    format!("Moving base off by {m:.2} m by the tags: not used"),
+                    format!("Moving base {m:.2} m off the tags: not used"),
                 ),
                 (None, CarrierSolution::Fixed) => (
                     ReportedRelative::Fixed,
-                    format!("Moving base fixed: relative place to {:.0} cm", 100.0 * r.sd_m),
+                    format!("Moving base fixed: position to {:.0} cm", 100.0 * r.sd_m),
                 ),
                 (None, CarrierSolution::Float) => (
                     ReportedRelative::Lost,

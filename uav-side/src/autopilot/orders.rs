@@ -1,4 +1,4 @@
-//! Order to the mission: one command, repeated until the mission has accepted or rejected it, or it expires.
+//! Order to the mission, repeated until the mission accepts or rejects it or it expires.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -13,13 +13,13 @@ pub(super) fn sent(header: Header<DroneClock>, kind: CommandKind) -> SentCommand
     Retransmission::new(Command { header, kind }, header.at, topics::AUTOPILOT_RETRIES)
 }
 
-/// Whether the mission has accepted the order; false after a rejection or the time limit, None while pending.
+/// Whether the mission has accepted the order: false after a rejection or the time limit, None while pending.
 pub(super) fn outcome(order: &SentCommand, now: DroneTime, mission: Option<&MissionState>) -> Option<bool> {
     let answer = mission.and_then(|m| order.answered(m));
     answer.or(order.is_over(now).then_some(false))
 }
 
-/// Text for operators on a failed order, with the mission's reason, cut to one STATUSTEXT.
+/// Text to operators on a failed order, with the mission's reason, truncated to one STATUSTEXT.
 pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>) -> String {
     let (_, named) = named(order.message.kind);
     let Some(m) = mission else {
@@ -29,7 +29,7 @@ pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>
         Some(why) => {
             let (_, name) = named.split_once(' ').unwrap_or(("", named));
             let why = why.to_string();
-            // Some reasons name the order.
+            // Some reasons already name the order.
             if why.starts_with("no ") {
                 why
             } else {
@@ -40,7 +40,7 @@ pub(super) fn rejection_text(order: &SentCommand, mission: Option<&MissionState>
     }
 }
 
-/// Severity (`MAV_SEVERITY`) and name in texts.
+/// Severity (`MAV_SEVERITY`) and name of an order in texts.
 pub(super) fn named(kind: CommandKind) -> (u8, &'static str) {
     use super::message::severity;
     match kind {

@@ -1,4 +1,4 @@
-//! Origin of the autopilot's NED, which is also the drone's.
+//! Origin of the autopilot's NED, which the drone also uses.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
@@ -10,24 +10,23 @@ use super::DroneTime;
 use super::message::{Address, CommandLong, MavlinkMessage, command, id};
 use super::modes::Firmware;
 
-/// Period of requests for a known origin, which moves when an estimator restarts.
+/// Request period once the origin is known; it moves when an estimator restarts.
 const KNOWN: Span = Span::from_millis(5000);
 const UNKNOWN: Span = Span::from_millis(1000);
-/// Maximum distance of the sea from the ellipsoid, m (EGM2008: -107 to 86).
+/// Maximum height of the geoid relative to the ellipsoid, m (EGM2008: -107 to 86).
 const MAX_GEOID_M: f64 = 120.0;
-/// Number of origin reports that wait for the receiver's two heights.
+/// Number of origin reports that are held back until the receiver reports both heights.
 const REPORTS_WITHOUT_GEOID: u8 = 3;
-/// Displacement of a new origin, m; the message resolves centimetres.
+/// Displacement that makes an origin count as new, m; the message resolves centimetres.
 const MOVED_M: f64 = 0.05;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct AutopilotOrigin {
-    /// None until the autopilot has reported it.
     pub(super) datum: Option<Datum>,
-    /// Height of the sea above the ellipsoid, m; None until decided.
+    /// Height of the sea above the ellipsoid, m; None until determined.
     pub(super) geoid_m: Option<f64>,
     reports: u8,
-    /// Reset when the origin may have changed, for a request at once.
+    /// Reset when the origin may have changed, so that it is requested at once.
     pub(super) timer: Periodic<DroneClock>,
 }
 
@@ -36,14 +35,14 @@ impl AutopilotOrigin {
         let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
         let due = self.timer.is_due_spaced(now, period);
         let heights = (due && self.geoid_m.is_none()).then_some(id::GPS_RAW_INT);
-        // An autopilot sets home at arming or by a command.
+        // An autopilot sets home at arming or on command.
         let home = (due && self.datum.is_some()).then_some(id::HOME_POSITION);
         let all = (heights.into_iter().chain(home)).chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
         all.map(move |id| {
             MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
         })
     }
-    /// Stores the difference of the receiver's two heights, once in a flight, so that the origin stays
+    /// Stores the difference between the receiver's two heights, once per flight so that the origin stays
     /// constant.
     pub(super) fn on_heights(&mut self, sea_m: f64, ellipsoid_m: f64) {
         let geoid_m = ellipsoid_m - sea_m;
@@ -51,8 +50,8 @@ impl AutopilotOrigin {
             self.geoid_m.get_or_insert(geoid_m);
         }
     }
-    /// Processes a reported origin, with its height above the sea. Without the receiver's heights the geoid
-    /// model is used from the third report on. Returns whether the origin has changed.
+    /// Processes a reported origin and its height above the sea. If the receiver reports no heights, the
+    /// geoid model is used from the third report on. Returns whether the origin has changed.
     pub(super) fn on_report(&mut self, reported: &Datum) -> bool {
         self.reports = self.reports.saturating_add(1);
         if self.geoid_m.is_none() && self.reports < REPORTS_WITHOUT_GEOID {
@@ -72,7 +71,7 @@ impl AutopilotOrigin {
         self.datum = Some(origin);
         known.is_some()
     }
-    /// Map scale of `firmware`, north, east and down: 0.994 to 1.004, i.e. 5 m at a kilometre.
+    /// Map scale of `firmware` north, east and down: 0.994 to 1.004, an error of 5 m per kilometre.
     pub(super) fn map_scale(&self, firmware: Option<Firmware>) -> Vector3<f64> {
         let known = self.datum.zip(firmware);
         let scale = known.map(|(datum, firmware)| datum.metres_per_map_metre(firmware.map_radius_m()));

@@ -1,4 +1,4 @@
-//! Outbound set-points of the pilot node, and commands to disarm, to divert and to arm.
+//! Outbound set-points from the pilot node, and commands to disarm, divert and arm.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
@@ -24,28 +24,29 @@ use crate::tracking::steer;
 
 /// Repetition period of a set-point, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;
-/// Maximum distance from the drone of a hold that is streamed before OFFBOARD, m.
+/// Maximum distance between the drone and a hold streamed before OFFBOARD, m.
 const OFFER_WITHIN_M: f64 = 3.0;
 /// Thrust, as a fraction of hover, that presses down a drone found on the deck while evidence is collected.
 const PRESS_OF_HOVER: f64 = 0.5;
-/// Climb of a drone that is in the air despite the pilot node's touchdown report, m.
+/// Climb of a drone that is in the air although the pilot node reported touchdown, m.
 const CLEAR_M: f64 = 1.0;
-/// Rangefinder reading below which the deck may carry the drone, m.
+/// Rangefinder reading below which the deck may be supporting the drone, m.
 const NEAR_M: f64 = 0.6;
 /// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
-/// Maximum time until a mission responds to a low charge, s: the largest `battery_lasts_s`.
+/// Maximum time until a mission responds to a low charge, s: the upper bound of `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
-/// Distance from the deck's centre of a drone off the deck, m: more than receiver errors and long decks.
+/// Distance from the deck's centre at which the drone is off the deck, m: exceeds receiver errors and long
+/// decks.
 const AWAY_FROM_DECK_M: f64 = 20.0;
 const ARM_TRIES: u32 = 3;
 
-/// Place at which the link itself holds the drone.
+/// Position at which the link itself holds the drone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HeldPosition {
     place: Vector3<f64>,
-    /// Position from the deck's centre, if known.
+    /// Position relative to the deck's centre, if known.
     from_deck: Option<Vector3<f64>>,
     yaw: f64,
 }
@@ -54,7 +55,6 @@ pub(super) struct HeldPosition {
 pub(super) struct SetPointStream {
     pub(super) attitudes: bool,
     pub(super) held: Option<HeldPosition>,
-    /// Last set-point with running motors.
     pub(super) flown: Option<SetPoint>,
     pub(super) sent_at: Option<DroneTime>,
     pub(super) sent: u32,
@@ -73,19 +73,19 @@ pub(super) struct LinkCommands {
 }
 
 impl AutopilotLink {
-    /// Whether the deck may carry the drone, so that hover thrust cannot be learned.
+    /// Whether the deck may be supporting the drone, which would falsify the hover thrust estimate.
     pub(super) fn may_touch(&self, now: DroneTime) -> bool {
         let state = self.inputs.last_state(now);
         let stands = state.is_some_and(|s| {
             s.stands_for_take_off() || matches!(s, State::TakeOff | State::Flare | State::Landed)
         });
         let range = self.estimate.range.fresh_m(now);
-        // An idle drone may stand on a deck that is known by the receivers alone.
+        // An idle drone may be standing on a deck whose height is known only from GNSS.
         let waits = state.is_none_or(|s| s == State::Idle);
         let above = self.estimate.relative_to(now, self.inputs.deck(now));
         let height = above.map(|(h, _, _)| h).filter(|_| waits);
         let near = range.is_some_and(|r| r < NEAR_M) || height.is_some_and(|h| h < RECEIVERS_ERR_M);
-        // A successor keeps its predecessor's hover thrust.
+        // A restarted link keeps its predecessor's hover thrust.
         let began = state.is_none() || waits && self.succession.recovery.checkpoint().is_some();
         let unknown = began && range.is_none() && height.is_none();
         stands || near || unknown
@@ -99,7 +99,7 @@ impl AutopilotLink {
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
-            // A mission that falls silent in the flare is still landing: the pilot node completes it.
+            // A mission that falls silent in the flare is still landing, and the pilot node completes it.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
@@ -132,7 +132,7 @@ impl AutopilotLink {
             rates: [0.0; 3],
             ..*wanted
         };
-        // The stop is that of an earlier landing; a take-off has its own disarm.
+        // This stop belongs to an earlier landing; a take-off has its own disarm.
         if (self.inputs.last_state(now)).is_some_and(State::stands_for_take_off) {
             self.interrupted();
             return Some(thrust_off);
@@ -166,7 +166,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Evidence for a disarm some time after the touchdown, when the drone may have left the deck.
+    /// Disarm evidence some time after touchdown, when the drone may have left the deck.
     fn lasting(&self) -> DisarmConfig {
         let c = self.config.disarm;
         DisarmConfig {
@@ -193,7 +193,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Reports periodically that the drone is armed on the deck.
     pub(super) fn report_armed(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let armed = self.peer.as_ref().is_some_and(|p| p.armed);
         let mission = self.inputs.fresh_mission(now);
@@ -203,8 +202,9 @@ impl AutopilotLink {
         }
     }
 
-    /// Whether the drone has landed and its autopilot follows no set-points: the set-points, the pilot node
-    /// or the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the same.
+    /// Whether the drone has landed and its autopilot ignores set-points: either the set-points, the pilot
+    /// node or the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the
+    /// same.
     fn follows_none_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
         let mode = AutopilotMode::Hold;
         let authority = self.control_authority();
@@ -214,8 +214,8 @@ impl AutopilotLink {
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// Continues the disarm of such a drone on lasting evidence. The set-point presses down, or climbs above
-    /// the deck, and returns PX4 from its failsafe to the mode that the pilot chose.
+    /// Continues the disarm of such a drone on lasting evidence. The set-point presses down or climbs above
+    /// the deck, and returns PX4 from its failsafe to the mode chosen by the pilot.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
@@ -223,7 +223,7 @@ impl AutopilotLink {
         if decision == DisarmDecision::Command {
             self.command_disarm(self.disarm.alone.sent(), out);
         }
-        // The autopilot may ignore the set-point. A drone that follows it needs evidence to be pressed down.
+        // The autopilot may ignore the set-point. If the drone follows it, pressing down requires evidence.
         let follows = self.control_authority().commands();
         let carried_by_rotors = decision == DisarmDecision::InAir(DisarmInhibit::NotSupported);
         if follows && carried_by_rotors {
@@ -231,8 +231,8 @@ impl AutopilotLink {
         }
         self.press_or_climb(now, &evidence, &lasting, self.estimate.state?.attitude)
     }
-    /// Set-point for a drone that may have left the deck: presses it down gently with this attitude when it
-    /// is low, and climbs when the autopilot took off by itself and hovers over a deck that rises.
+    /// Set-point for a drone that may have left the deck. A low drone is pressed down gently with this
+    /// attitude. If the autopilot took off by itself and hovers over a rising deck, the drone climbs.
     fn press_or_climb(
         &mut self,
         now: DroneTime,
@@ -264,8 +264,8 @@ impl AutopilotLink {
         }
     }
 
-    /// A hold a little above the place of the first call. It moves with the deck while the forecast is fresh,
-    /// but not down with a sinking deck, which will rise again.
+    /// Hold slightly above the position of the first call. While the forecast is fresh, it moves with the
+    /// deck, but not down with a sinking deck, which will rise again.
     pub(super) fn hold_above(&mut self, now: DroneTime) -> Option<SetPoint> {
         let deck = self.inputs.deck(now);
         let centre = deck.map(|d| Vector3::from(d.position));
@@ -309,13 +309,13 @@ impl AutopilotLink {
         Some(SetPoint { header, ..hold })
     }
 
-    /// Whether the set-point is a hold before a landing; `unknown` applies without a mission.
+    /// Whether the set-point is a hold before a landing; `unknown` is returned without a mission.
     fn holds_before_landing(&self, wanted: &SetPoint, unknown: bool) -> bool {
         let mission = self.inputs.mission.get();
         let idle = mission.map_or(unknown, |m| m.state == State::Idle);
         idle && wanted.kind != SetPointKind::None && wanted.motors == Motors::Run
     }
-    /// Hold at the drone's position, for the pilot's hand-over.
+    /// Hold at the drone's position for the pilot's handover.
     fn offered(&self, wanted: &SetPoint) -> Option<SetPoint> {
         let apart = Vector3::from(wanted.position) - self.estimate.state?.position();
         let offers = self.holds_before_landing(wanted, true) && apart.norm() <= OFFER_WITHIN_M;
@@ -356,11 +356,11 @@ impl AutopilotLink {
         }
     }
 
-    /// Sends the applicable part of the pilot node's set-point.
+    /// Sends those fields of the pilot node's set-point that apply.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
         let px4 = self.firmware() == Some(Firmware::Px4);
-        // GUIDED holds by itself, and a hold would override its take-off. (OFFBOARD ends without set-points.)
+        // GUIDED holds by itself, and a hold would override its take-off. OFFBOARD ends without set-points.
         let guided_holds = !px4 && self.holds_before_landing(wanted, false);
         if authority.commands() && !guided_holds {
             return self.apply(now, wanted, out);
@@ -370,7 +370,7 @@ impl AutopilotLink {
             let flown = wanted.kind != SetPointKind::None && wanted.motors == Motors::Run;
             return if flown { self.carried(now, *wanted) } else { None };
         }
-        // PX4 needs a stream of set-points before the pilot can choose OFFBOARD; ArduCopter needs none.
+        // PX4 needs a set-point stream before the pilot can choose OFFBOARD; ArduCopter does not.
         let offers = authority.may_offer() && px4;
         self.offered(wanted).filter(|_| offers)
     }
@@ -397,13 +397,13 @@ impl AutopilotLink {
         })
     }
 
-    /// Diverts at a low battery to the mission's choice, and at the last reserve without one.
+    /// Diverts on low battery as the mission chooses, or at the final reserve if there is no mission.
     pub(super) fn divert(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let b = self.config.battery;
         let Some(peer) = &self.peer else { return };
         let mission = (self.inputs.last_mission(now)).filter(|_| self.disarm.inhibited.is_none());
         let chosen = mission.and_then(|m| m.low_battery);
-        // A descent in progress is the fastest way down, and a landed drone cannot be diverted.
+        // Completing a descent in progress is the fastest way down, and a landed drone cannot be diverted.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
         let lands = lands || chosen == Some(BatteryPlace::Deck);
         let (to, limit, for_s) = match chosen {
@@ -411,11 +411,11 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        // Until the mission has confirmed a low charge it has no place to land; the last reserve must not act
-        // first.
+        // Until the mission has confirmed a low charge it has no landing place, and the final reserve must
+        // not act first.
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
-        // The mission may have chosen by the voltage alone.
+        // The mission may have chosen on voltage alone.
         let reported = peer.charge(now);
         if !(limit.is_infinite() || reported.is_some_and(|c| c < limit)) {
             self.commands.low_since = None;
@@ -448,21 +448,21 @@ impl AutopilotLink {
     }
 
     /// Whether the drone stands away from the deck, by forecast and odometry. An order to land does not imply
-    /// a cleared deck, and a drone whose vessel is unknown may stand on the deck.
+    /// a cleared deck, and a drone whose vessel is unknown may be standing on the deck.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
         let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));
         apart.is_some_and(|r| r.xy().norm() > AWAY_FROM_DECK_M)
     }
-    /// Arms on the ground away from the deck, if configured, in the pilot's mode and with a landing
-    /// commanded. On the deck only a take-off starts the motors, after the crew's clearance and a countdown.
+    /// Arms the drone on the ground away from the deck, if configured, in the pilot's mode and with a landing
+    /// ordered. On the deck only a take-off starts the motors, after the crew's clearance and a countdown.
     pub(super) fn arm(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         if peer.mode != AutopilotMode::Offboard {
             self.commands.arm_tries = 0;
         }
         if peer.armed {
-            // A later disarm is the pilot's, or our own on the deck.
+            // A later disarm comes from the pilot, or from us on the deck.
             self.commands.arm_tries = ARM_TRIES;
         }
         let mission = self.inputs.fresh_mission(now);

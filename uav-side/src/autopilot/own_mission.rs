@@ -1,14 +1,15 @@
-//! State of the autopilot's own mission (PX4 Mission, ArduCopter AUTO): flown or complete.
+//! State of the autopilot's own mission (PX4 Mission, ArduCopter AUTO): in progress or complete.
 //!
 //! It is complete when the firmware reports it (`MISSION_STATE_COMPLETE` of `MISSION_CURRENT`), or, for
-//! firmware without a state, when the last item is reached (`MISSION_ITEM_REACHED`). PX4 then enters Hold,
+//! firmware without a state, when the last item is reached (`MISSION_ITEM_REACHED`). PX4 then enters Hold;
 //! ArduCopter stays in AUTO. A Hold during the mission does not complete it; any other mode is a takeover.
 //!
-//! PX4 reports the previous flight's mission as complete until it starts again, so it has to be active first.
+//! PX4 reports the previous flight's mission as complete until the mission starts again, so it must be active
+//! first.
 //!
-//! When a sortie has to end (low battery, mission complete or an order), Alight takes over by the mode
-//! command of a take-off, but not from a pilot. This happens once in a flight for each reason; a mission that
-//! is chosen again afterwards continues until the drone is disarmed.
+//! When a sortie must end (low battery, mission complete or an order), Alight takes over with the mode
+//! command that a take-off uses, but never from a pilot. It does so once per flight for each reason. A
+//! mission that is selected again afterwards continues until the drone is disarmed.
 //!
 //! In unattended cycles `MAV_CMD_MISSION_START` starts the sortie's mission from its beginning.
 //!
@@ -24,7 +25,7 @@ use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 use super::{AutopilotOut, ControlAuthority, DroneTime};
 
-/// Period of requests for the mission's state while ArduCopter flies it.
+/// Request period of the mission's state while ArduCopter flies it.
 const ASK: Span = Span::from_millis(1000);
 const PAUSE: Span = Span::from_millis(1000);
 const TRIES: u32 = 3;
@@ -39,31 +40,32 @@ pub(super) struct OwnMissionMonitor {
     /// `MISSION_STATE`; 0: not reported.
     state: u8,
     last: Option<u16>,
-    /// Whether the last item was reached since the mission began.
+    /// Whether the last item has been reached since the mission began.
     reached_last: bool,
     began: bool,
-    /// Whether the mode has since been the mission's or the Hold after it.
+    /// Whether since then the mode has been the mission's mode or the Hold that follows it.
     own: bool,
     now: OwnMission,
 }
 
-/// End of the autopilot's mission for one reason, commanded once in a flight even after a restart.
+/// End of the autopilot's mission for one reason, commanded once per flight even after a restart.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct MissionEnd {
     sent: u32,
-    /// Whether our mode was reached since the first command.
+    /// Whether our mode has been reached since the first command.
     done: bool,
 }
 
 impl MissionEnd {
-    /// Whether no command follows in this flight.
+    /// Whether no further command follows in this flight.
     pub(super) fn is_over(&self) -> bool {
         self.done || self.sent >= TRIES
     }
 }
 
 impl OwnMissionMonitor {
-    /// Processes `MISSION_CURRENT`. PX4 counts items from 0; `total` lacks ArduPilot's first item, home.
+    /// Processes `MISSION_CURRENT`. PX4 counts items from 0; ArduPilot's `total` excludes its first item,
+    /// home.
     pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
         self.state = state;
         let known = !matches!(total, 0 | NO_ITEMS);
@@ -85,7 +87,6 @@ impl OwnMissionMonitor {
     pub(super) fn is_under_way(&self) -> bool {
         self.began && self.own
     }
-    /// Updates the mission's state; a disarm ends the flight.
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
             (self.began, self.own, self.reached_last) = (false, false, false);
@@ -109,7 +110,7 @@ impl OwnMissionMonitor {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
-    /// Ends of the mission in this flight: by the battery, by completion, by an order.
+    /// Ends of the mission in this flight: on battery, on completion, on an order.
     pub(super) ends: [MissionEnd; 3],
     starts: u32,
     timer: Periodic<DroneClock>,
@@ -120,13 +121,13 @@ impl OwnMissionSequence {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
-        // The active mission was followed by no other mode, so a Hold means that it is complete.
+        // The active mission was followed by no other mode, so Hold means that it is complete.
         if m.own_mission {
             (self.monitor.began, self.monitor.own) = (true, true);
         }
     }
 
-    /// Requests the mission's state from ArduCopter. PX4 sends it unrequested, and rejects a request.
+    /// Requests the mission's state from ArduCopter. PX4 sends it unrequested and rejects the request.
     pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
         if asks && self.timer.is_due_spaced(now, ASK) {
@@ -135,7 +136,7 @@ impl OwnMissionSequence {
         }
     }
 
-    /// Sends the command for the mission node's state, `pause` after the last one.
+    /// Sends the command for the mission node's state, `pause` after the previous one.
     pub(super) fn command(
         &mut self,
         now: DroneTime,
@@ -162,7 +163,7 @@ impl OwnMissionSequence {
         out.alarm(severity, text.into());
         pause.restart(now, PAUSE);
     }
-    /// Decides to end the autopilot's mission, with the reason as a text.
+    /// Decides whether to end the autopilot's mission, and returns the reason as a text.
     fn ends(&mut self, peer: &MavlinkPeer, idle: Option<ReasonCode>, may: bool) -> Option<&'static str> {
         let (which, text) = match idle {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
@@ -217,11 +218,11 @@ mod tests {
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, COMPLETE);
         assert_eq!(armed(&mut m, hold), OwnMission::Done);
-        // The pilot's hold does not complete the mission.
+        // The pilot's Hold does not complete the mission.
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
         assert_eq!(armed(&mut m, hold), OwnMission::None);
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
-        // In the next flight a mission reported as complete has not started yet.
+        // In the next flight a mission still reported as complete has not started yet.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
         m.current(Firmware::Px4, 4, ACTIVE);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);

@@ -1,4 +1,4 @@
-//! Check of the autopilot's parameters that a landing depends on.
+//! Checks the autopilot parameters that affect a landing.
 
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
@@ -11,15 +11,15 @@ use super::message::{Address, MavlinkMessage, ParameterValue};
 use super::modes::Firmware;
 
 const SPACING: Span = Span::from_millis(20);
-/// Time for an answer: several times the delay of a telemetry radio.
+/// Time allowed for an answer: several times the delay of a telemetry radio.
 const ANSWER: Span = Span::from_millis(500);
-/// Period at which an unsuitable parameter is read again; an operator may correct it.
+/// Re-read period of an unsuitable parameter, because an operator may correct it.
 const REVIEW: Span = Span::from_millis(1000);
-/// Time after which a parameter that was never reported is requested again.
+/// Time after which a parameter that has never been reported is requested again.
 const SILENT: Span = Span::from_millis(5000);
 /// PX4's parameter for the time without set-points until it leaves OFFBOARD.
 const LOSS_TIME: &str = "COM_OF_LOSS_T";
-/// Value assumed until it is reported, s: the largest with which a landing is permitted.
+/// Value assumed until it is reported, s: the maximum that permits a landing.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
 #[derive(Clone, Debug)]
@@ -35,7 +35,6 @@ struct Item {
 }
 
 impl Item {
-    /// None if the value is suitable.
     fn reason(&self) -> Option<Reason> {
         let number = self.number as f64;
         match self.value {
@@ -54,12 +53,12 @@ pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
-    /// Whether thrust was read as thrust before the autopilot or this link restarted.
+    /// Whether the autopilot took thrust as thrust before it or this link restarted.
     thrust_was_thrust: bool,
 }
 
 impl Parameters {
-    /// `attitudes`: the pilot node sends attitude set-points.
+    /// `attitudes`: whether the pilot node sends attitude set-points.
     pub fn new(firmware: Firmware, attitudes: bool, now: DroneTime) -> Parameters {
         let own: Vec<_> = match firmware {
             Firmware::Px4 => of_px4().collect(),
@@ -85,7 +84,7 @@ impl Parameters {
             thrust_was_thrust: false,
         }
     }
-    /// Assumes until the option is reported that thrust is read as thrust.
+    /// Until the option is reported, assumes that the autopilot takes thrust as thrust.
     pub(super) fn trust_thrust(&mut self) {
         self.thrust_was_thrust = true;
     }
@@ -99,11 +98,11 @@ impl Parameters {
             item.old = false;
         }
     }
-    /// Requests all parameters again after a restart of the autopilot; the old values stay in use until then.
+    /// Requests all parameters again after the autopilot has restarted; the old values are used until then.
     pub fn read_again(&mut self) {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
-    /// Next request that is due: for an unreported parameter or, at intervals, an unsuitable one.
+    /// Next due request: an unreported parameter, or an unsuitable one at intervals.
     pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
@@ -137,7 +136,7 @@ impl Parameters {
             .iter()
             .all(|i| i.value.is_some() || i.requests >= REQUESTS)
     }
-    /// Reason that forbids a landing (empty code: permitted), unsuitable parameters before unreported ones.
+    /// Reason that prohibits a landing (empty code: permitted), unsuitable parameters before unreported ones.
     pub fn rejection(&self) -> Reason {
         let forbids = |i: &&Item| i.parameter.severity == Severity::Reject;
         let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
@@ -146,7 +145,7 @@ impl Parameters {
             .or_else(|| reasons().next())
             .unwrap_or_default()
     }
-    /// First unsuitable or unreported parameter that only warns.
+    /// First unsuitable or unreported parameter that only causes a warning.
     pub fn warning(&self) -> Reason {
         let known = |i: &&Item| i.value.is_some() || i.requests >= REQUESTS;
         let warning = |i: &&Item| i.parameter.severity == Severity::Warn;

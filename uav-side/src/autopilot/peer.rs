@@ -1,4 +1,4 @@
-//! The autopilot's reports, each with its time.
+//! Reports of the autopilot, each with its time.
 
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LandedState};
@@ -13,7 +13,7 @@ use super::rotors::RotorOutputs;
 use super::streams::MessageStreams;
 
 const THRUST_STALE: Span = Span::from_millis(300);
-/// Maximum thrust of rotors at rest.
+/// Maximum reported thrust of rotors at rest.
 const NO_THRUST: f64 = 0.01;
 /// Validity of a battery status: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
@@ -35,10 +35,9 @@ pub(crate) struct MavlinkPeer {
     pub(crate) streams: MessageStreams,
     /// Charge (0 to 1), voltage (V) and current (A) of each battery.
     batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
-    /// Whether the silence of a battery gauge was reported.
+    /// Whether the silence of a battery gauge has been reported.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
-    /// Destination of the return mode.
     pub(crate) home: Option<Datum>,
     pub(crate) rotors: RotorOutputs,
     pub(crate) parameters: Parameters,
@@ -106,7 +105,7 @@ impl MavlinkPeer {
             *b = Some((now, [charge, voltage_v, current_a]));
         }
     }
-    /// Combines a value of all batteries; None when none reports it or one has fallen silent.
+    /// Combines one value over all batteries; None if none reports it or one has fallen silent.
     fn batteries(
         &self,
         now: DroneTime,
@@ -122,15 +121,15 @@ impl MavlinkPeer {
         let silent = known().any(|(at, _)| now - at > BATTERY_STALE);
         known().map(|(_, v)| v).reduce(both).filter(|_| !silent)
     }
-    /// Charge of the emptiest battery, 0 to 1; None when not reported or when a battery has fallen silent.
+    /// Charge of the emptiest battery, 0 to 1; None if not reported or if a battery has fallen silent.
     pub(crate) fn charge(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[charge, ..]| *charge, f64::min)
     }
-    /// Lowest of all batteries.
+    /// Lowest voltage of all batteries.
     pub(crate) fn voltage_v(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[_, voltage_v, _]| *voltage_v, f64::min)
     }
-    /// Total of all batteries.
+    /// Total current of all batteries.
     pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
         self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
     }
@@ -155,7 +154,8 @@ impl MavlinkPeer {
             self.thrust = Some((now, thrust));
         }
     }
-    /// Divisor of a tilted drone's thrust: ArduCopter applies `T / cos` (ATC_ANGLE_BOOST) and reports `T`.
+    /// Divisor of the reported thrust of a tilted drone: ArduCopter applies `T / cos` (ATC_ANGLE_BOOST) and
+    /// reports `T`.
     pub(crate) fn tilt_compensation(&self, attitude: [f64; 4]) -> f64 {
         let [_, x, y, _] = attitude;
         match self.firmware {
@@ -163,7 +163,7 @@ impl MavlinkPeer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Applied thrust, as a command of the autopilot; None when its outputs contradict its report.
+    /// Applied thrust, as an autopilot command; None if its outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)

@@ -1,4 +1,4 @@
-//! Position of another system from MAVLink.
+//! Position of another system, received by MAVLink.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,7 +1,7 @@
-//! Three-position switch of the remote control: low aborts, the middle does nothing, high lands.
+//! Three-position switch on the remote control: low aborts, middle does nothing, high lands.
 //!
-//! Only a change between two held positions gives a command. The initial position and the first one after a
-//! loss of the remote control give none, so a switch left on high does not start a landing. The mission
+//! Only a change between two held positions gives a command. The initial position, and the first one after a
+//! loss of the remote control, give none, so a switch left on high does not start a landing. The mission
 //! applies its own rules to the command.
 
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -11,17 +11,17 @@ use super::DroneTime;
 use super::message::{RC_RECEIVER, RcChannels};
 use super::orders::{self, SentCommand};
 
-/// Time without a channel after which the remote control is lost.
+/// Silence of the channel after which the remote control counts as lost.
 const LOST: Span = Span::from_millis(600);
 const PULSES_US: core::ops::RangeInclusive<u16> = 800..=2200;
-/// Limits of each position's pulses, us; values in between have no position.
+/// Pulse limits of the positions, us; values in between belong to no position.
 const LOW_US: u16 = 1300;
 const MIDDLE_US: core::ops::RangeInclusive<u16> = 1400..=1600;
 const HIGH_US: u16 = 1700;
-/// Time for which a position other than high must be held. A receiver's failsafe may move the channel before
-/// the autopilot reports the loss; an unnecessary abort is acceptable.
+/// Time for which low or middle must be held. A receiver's failsafe may move the channel before the autopilot
+/// reports the loss; an unnecessary abort is acceptable.
 const HELD: Span = Span::from_millis(500);
-/// Time for which high must be held: until a loss would be reported (PX4: COM_RC_LOSS_T 0.5 s).
+/// Time for which high must be held: long enough for a loss to be reported (PX4: COM_RC_LOSS_T 0.5 s).
 const HELD_HIGH: Span = Span::from_millis(1500);
 const MIN_READINGS: u32 = 3;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,13 +57,12 @@ struct Candidate {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RcSwitch {
-    /// Accepted position; None until one is held after the start or a loss of the remote control.
+    /// Accepted position; None until one has been held after the start or after a loss of the remote control.
     position: Option<Position>,
     candidate: Option<Candidate>,
     received_at: Option<DroneTime>,
-    /// Time of the last report that the receiver works; None without one, as with some firmware.
+    /// Time of the last report that the receiver works; None if there was none, as with some firmware.
     healthy_at: Option<DroneTime>,
-    /// Whether the receiver is reported as failed.
     lost: bool,
     given: Option<SentCommand>,
 }
@@ -78,7 +77,8 @@ impl RcSwitch {
             self.forget();
         }
     }
-    /// Processes the channels, with the switch on number `channel` from 1. Returns the command of a change.
+    /// Processes the channels, with the switch on number `channel` (from 1). Returns the command that a
+    /// change gives.
     pub(super) fn on_channels(
         &mut self,
         now: DroneTime,
@@ -134,7 +134,7 @@ impl RcSwitch {
         self.position == Some(Position::Low) || self.given.is_some_and(aborts)
     }
     /// Whether the switch is held on abort, so that no order to land or take off is accepted. A switch that
-    /// moves away does not block its own command.
+    /// moves away from abort does not block its own command.
     pub(super) fn is_held_on_abort(&self) -> bool {
         let low = |p: Position| p == Position::Low;
         self.position.is_some_and(low) && self.candidate.is_none_or(|c| low(c.position))
@@ -142,7 +142,7 @@ impl RcSwitch {
     pub(super) fn give(&mut self, header: Header<DroneClock>, kind: CommandKind) {
         self.given = Some(orders::sent(header, kind));
     }
-    /// Order to publish now, and a text on a failed order; also detects the loss of the remote control.
+    /// Order to publish now, and a text on a failed order. Also detects loss of the remote control.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,
@@ -184,7 +184,7 @@ mod tests {
         c
     }
 
-    /// Commands of a switch with pulses (us; 0: nothing) and their durations (s) at 10 Hz; with
+    /// Commands given by a switch with these pulses (us; 0: none) and durations (s) at 10 Hz. With
     /// `reports_health`, the receiver's health is reported at 5 Hz.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
         let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
@@ -222,7 +222,7 @@ mod tests {
                     &[(MIDDLE, 3.0), (HIGH, 3.0), (LOW, 3.0), (HIGH, 3.0)],
                     &[Land, Abort, Land],
                 ),
-                // A position held too briefly, or between two positions.
+                // A position held too briefly, or a pulse between two positions.
                 (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
@@ -296,7 +296,7 @@ mod tests {
                 (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
-        // Published every 0.25 s for 5 s while the mission's state does not show it.
+        // Published every 0.25 s for 5 s while the mission's state does not reflect it.
         assert_eq!(published(Abort, &before), 21);
         assert_eq!(published(Abort, &other), 21);
         assert_eq!(published(Abort, &own), 0);

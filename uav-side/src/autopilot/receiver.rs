@@ -1,9 +1,9 @@
-//! The drone's own GNSS receiver with the vessel's as moving base: UBX NAV-RELPOSNED of a u-blox F9 with firmware 1.13
-//! or later.
+//! The drone's own GNSS receiver with the vessel's receiver as moving base: UBX NAV-RELPOSNED of a u-blox F9 with
+//! firmware 1.13 or later.
 //!
-//! Each message needs its checksum. Reports carry the receiver's time of week; the moving base dates them. NAV-PVT does
-//! not wait for the base and therefore arrives with the smallest delay, so it is used to date a NAV-RELPOSNED that was
-//! delayed by the radio.
+//! A message needs a valid checksum. Reports carry the receiver's time of week; the moving base dates them. NAV-PVT
+//! does not wait for the base and arrives with the smallest delay, so it dates a NAV-RELPOSNED that the radio has
+//! delayed.
 
 use std::collections::VecDeque;
 
@@ -12,25 +12,25 @@ use serde::{Deserialize, Serialize};
 use ublox::proto27::{PacketRef, Proto27};
 use ublox::{FixedBuffer, Parser, UbxPacket};
 
-/// Buffer for an unfinished message, bytes: more than the longest message read.
+/// Buffer for an unfinished message, bytes: exceeds the longest message decoded.
 const MAX_WAITING: usize = 2048;
 const PART: usize = 512;
-/// Queue length: more than a receiver sends in a second.
+/// Queue length: more reports than a receiver sends in a second.
 const MAX_REPORTS: usize = 32;
 pub const WEEK_NS: i64 = 7 * 86_400_000_000_000;
-/// Maximum standard deviation, m; it marks an unknown place.
+/// Maximum standard deviation, m; it marks an unknown position.
 pub const MAX_SD_M: f64 = 9_999.0;
 
-/// Report of the receiver: its place relative to the base, or only its time.
+/// Receiver report: position relative to the base, or only the receiver's time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RelativeReport {
     pub of_week_ns: i64,
-    /// Number of the base's station; None if the report contains only the receiver's time.
+    /// Base station number; None if the report contains only the receiver's time.
     pub station: Option<u16>,
     /// Position of the drone's antenna relative to the base's, NED, m, and the standard deviation of each component, m;
     /// None if invalid.
     pub place: Option<[[f64; 3]; 2]>,
-    /// Solution of the carrier ambiguities; None if the report contains only the receiver's time.
+    /// Carrier ambiguity solution; None if the report contains only the receiver's time.
     pub solution: Option<CarrierSolution>,
 }
 
@@ -49,7 +49,7 @@ impl Default for ReceiverDecoder {
 }
 
 impl ReceiverDecoder {
-    /// Decodes bytes; a full queue drops its oldest report.
+    /// Decodes bytes; when the queue is full, the oldest report is dropped.
     pub fn push(&mut self, bytes: &[u8]) {
         for part in bytes.chunks(PART) {
             let mut packets = self.parser.consume_ubx(part);
@@ -71,7 +71,7 @@ impl ReceiverDecoder {
     }
 }
 
-/// Minimum standard deviation of a solution, m: a receiver understates its error through multipath and wrong float
+/// Lower bound on the standard deviation of a solution, m: receivers understate errors due to multipath and wrong float
 /// solutions.
 const fn min_sd_m(solution: CarrierSolution) -> f64 {
     match solution {
@@ -81,11 +81,11 @@ const fn min_sd_m(solution: CarrierSolution) -> f64 {
     }
 }
 
-/// Report from a message; None for other messages, and for a time of week out of range.
+/// Report in a message; None for other messages and for a time of week out of range.
 fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// gnssFixOK, relPosValid.
     const VALID: u32 = 1 | 1 << 2;
-    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, with an error of decimetres if the
+    /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, with decimetres of error if the
     /// base rocks.
     const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
     let (of_week_ms, place, solution) = match packet {
@@ -94,7 +94,7 @@ fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
         PacketRef::NavRelPosNed(p) => {
             let flags = p.flags_raw();
             let valid = flags & VALID == VALID;
-            // Carrier solution: 0 without, 1 float, 2 fixed; 3 is reserved.
+            // Carrier solution: 0 none, 1 float, 2 fixed; 3 is reserved.
             let solution = match (flags >> 3) & 3 {
                 2 if valid => CarrierSolution::Fixed,
                 1 if valid => CarrierSolution::Float,
@@ -130,8 +130,8 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// NAV-RELPOSNED of version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher's, over
-    /// class to payload).
+    /// NAV-RELPOSNED version 1 at 12.3457 m, -0.501 m and 3 m, with these flags and its checksum (Fletcher, from class
+    /// to payload).
     fn message(of_week_ms: u32, flags: u32) -> Vec<u8> {
         let mut payload = [0; 64];
         let mut put = |at: usize, bytes: &[u8]| payload[at..at + bytes.len()].copy_from_slice(bytes);
@@ -160,7 +160,6 @@ mod tests {
         core::iter::from_fn(|| decoder.next_report()).collect()
     }
 
-    /// gnssFixOK and relPosValid, with this carrier solution.
     fn valid(solution: u32) -> u32 {
         0b101 | solution << 3
     }
@@ -169,7 +168,7 @@ mod tests {
     fn relative_places_of_each_solution() {
         for (flags, solution, sd) in [
             (valid(2), CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
-            // A moving base.
+            // The base is moving.
             (valid(2) | 1 << 5, CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
             (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4]),
             (valid(0), CarrierSolution::None, [2.0; 3]),
@@ -186,14 +185,14 @@ mod tests {
                 "{r:?}"
             );
         }
-        // Without a fix or a relative place only the state is used.
+        // Without a fix or a relative position only the solution's state is used.
         for flags in [valid(2) & !1, valid(2) & !4] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
             };
             assert_eq!((r.place, r.solution), (None, Some(CarrierSolution::None)));
         }
-        // With an extrapolated base only the time is used.
+        // If the base is extrapolated, only the time is used.
         for flags in [valid(2) | 1 << 6, valid(2) | 1 << 7] {
             let [r] = decoded(&message(1, flags), 64)[..] else {
                 panic!("{flags:b}")
@@ -207,8 +206,8 @@ mod tests {
         let sound = message(200, valid(2));
         let mut damaged = sound.clone();
         damaged[20] ^= 1;
-        // The bytes contain an RTCM preamble, an NMEA sentence, a damaged message, and one with a time of week out of
-        // range.
+        // The bytes contain an RTCM preamble, an NMEA sentence, a damaged message, and a message with a time of week
+        // out of range.
         let bytes = [
             &b"\xd3\x00\x13$GNGGA,1*00\r\n"[..],
             &damaged,

@@ -1,9 +1,9 @@
-//! Spin-up of the rotors after arming, by the autopilot's outputs (`SERVO_OUTPUT_RAW`).
+//! Detects the spin-up of the rotors after arming from the autopilot's outputs (`SERVO_OUTPUT_RAW`).
 //!
-//! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for
-//! MOT_SPOOL_TIME, whatever thrust is commanded; PX4's rotors follow at once. Outputs are compared with their
-//! values while disarmed and a moment ago, so their protocol and order do not matter. The heartbeat that
-//! reports the arming may come a second after the rotors start, so values at rest are older.
+//! After arming, ArduCopter keeps its rotors at rest for ARMING_DELAY_SEC and then spins them up for MOT_SPOOL_TIME,
+//! regardless of the commanded thrust; PX4's rotors respond at once. Outputs are compared with their values while
+//! disarmed and with those a moment ago, so their protocol and order do not matter. The heartbeat that reports arming
+//! may arrive a second after the rotors start, so older outputs serve as the values at rest.
 
 use alight_shared::time::Span;
 
@@ -11,23 +11,23 @@ use super::DroneTime;
 use super::message::OUTPUTS;
 
 const PORTS: usize = 2;
-/// Minimum number of outputs that rise: no multirotor has fewer rotors, and fewer servos move at arming.
+/// Minimum number of rising outputs: a multirotor has at least three rotors, and fewer servos than that move at arming.
 const ROTORS: usize = 3;
 /// Smallest significant rise of an output, us or steps of a digital protocol.
 const RISEN: f64 = 5.0;
-/// Factor between rises [`SPUN_UP`] apart up to which the spin-up is over; ArduCopter's ramp doubles them.
+/// Maximum ratio of two rises [`SPUN_UP`] apart once spin-up is complete; ArduCopter's ramp doubles them.
 const GROWS: f64 = 1.5;
 const SPUN_UP: Span = Span::from_millis(200);
 const STALE: Span = Span::from_millis(500);
-/// Time from the outputs at rest to a disarmed report: two heartbeats.
+/// Maximum time from the outputs at rest to a disarmed report: two heartbeats.
 const REPORTED_WITHIN: Span = Span::from_millis(2000);
-/// Time from arming after which outputs that have not risen are not motors.
+/// Time after arming from which outputs that have not risen are not motors.
 const OTHERS: Span = Span::from_millis(5000);
 
 #[derive(Clone, Copy, Debug)]
 struct AtRest {
     pulses: [u16; OUTPUTS],
-    /// Later outputs, possibly of an autopilot that has just armed.
+    /// Later outputs, possibly from an autopilot that has just armed.
     later: [u16; OUTPUTS],
     later_at: DroneTime,
 }
@@ -77,7 +77,7 @@ impl RotorOutputs {
         let mut rises = [0.0; OUTPUTS];
         for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {
-                // Output without pulses before arming.
+                // Before arming this output had no pulses.
                 *rest = *pulse;
             }
             *rise = f64::from(*pulse) - f64::from(*rest);
@@ -90,7 +90,7 @@ impl RotorOutputs {
             self.before = Some((now, rise));
         }
     }
-    /// Whether the rotors do not apply the commanded thrust yet.
+    /// Whether the rotors do not yet follow the commanded thrust.
     pub(crate) fn wait(&self, now: DroneTime) -> bool {
         let reported = self.newest.is_some_and(|at| now - at <= STALE);
         let recent = self.armed_at.is_some_and(|at| now - at <= OTHERS);
@@ -103,8 +103,8 @@ mod tests {
     use super::*;
     use alight_shared::time::Time;
 
-    /// Time after arming at which outputs `pulse_us` (of that time, s; 20 Hz) show that the rotors follow,
-    /// with a heartbeat that reports armed at `reported_s`.
+    /// Time after arming at which outputs `pulse_us` (a function of that time, s; 20 Hz) show that the rotors follow.
+    /// The heartbeat reports armed at `reported_s`.
     fn follow_s(at_rest: u16, reported_s: f64, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
         let mut rotors = RotorOutputs::default();
         let mut outputs = |t: f64, armed, pulse: f64| {
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn outputs_of_motors_that_spin_up() {
-        // Log of ArduCopter 4.7-dev.
+        // From a log of ArduCopter 4.7-dev.
         let arducopter = |t: f64| match t {
             t if t < 2.0 => 1000.0,
             t if t < 2.5 => 1000.0 + 40.0 * (t - 2.0),
@@ -136,14 +136,14 @@ mod tests {
             let s = follow_s(at_rest, 0.0, arducopter).unwrap();
             assert!((2.6..3.0).contains(&s), "{s}");
         }
-        // PX4, and a digital protocol.
+        // PX4 with PWM, and with a digital protocol.
         for (at_rest, turns) in [(900, 1200.0), (54, 400.0)] {
             for reported_s in [0.0, 0.6, 1.2] {
                 let s = follow_s(at_rest, reported_s, |_| turns).unwrap();
                 assert!(s < reported_s + 0.3, "{s} s, reported after {reported_s} s");
             }
         }
-        // Outputs other than motors block only for a limited time.
+        // Outputs other than motors delay the flight only for a limited time.
         let s = follow_s(1000, 0.0, |_| 1000.0).unwrap();
         assert!((5.0..5.2).contains(&s), "{s}");
     }

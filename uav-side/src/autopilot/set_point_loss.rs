@@ -1,12 +1,12 @@
-//! Set-point loss: distinguishes PX4's own hold after a loss of set-points from a hold that the pilot chose.
+//! Set-point loss: distinguishes PX4's own hold after a loss of set-points from a hold chosen by the pilot.
 //!
-//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last received
-//! set-point, and ends with the next one; any other hold is a pilot's takeover. Set-points stop when the
-//! pilot node or this link pauses, when the computer is suspended, and when the autopilot or the serial line
-//! stalls, which its silence shows. A computer suspended with its clock sees no gap, but the autopilot's
-//! clock shows it. The time before this link's first set-point counts as a gap, since a previous link may
-//! have died. A hold that may have begun in a gap is first attributed to PX4, and to the pilot if set-points
-//! do not end it. ArduCopter never holds by itself: its Brake is a pilot's choice.
+//! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point received and ends
+//! with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
+//! pauses, when the computer is suspended, and when the autopilot or the serial line stalls, which its silence shows. A
+//! computer that is suspended together with its clock sees no gap, but the autopilot's clock shows it. The time before
+//! this link's first set-point counts as a gap, because a previous link may have died. A hold that may have begun in a
+//! gap is first attributed to PX4, and later to the pilot if set-points do not end it. ArduCopter never holds by
+//! itself: its Brake is always the pilot's choice.
 
 use alight_shared::msg::AutopilotMode;
 
@@ -15,11 +15,11 @@ use super::clock::RemoteClock;
 use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 
-/// Time without a set-point above which it is a gap, s: five periods.
+/// Time without a set-point that counts as a gap, s: five periods.
 const GAP_S: f64 = 0.1;
-/// Maximum time from COM_OF_LOSS_T to PX4's report, s: commander's period, failsafe, half a heartbeat.
+/// Maximum time from COM_OF_LOSS_T to PX4's report, s: commander period, failsafe, and half a heartbeat period.
 const REPORTED_WITHIN_S: f64 = 0.5;
-/// Time in which set-points end PX4's own hold, s; a longer hold is the pilot's.
+/// Time within which set-points end PX4's own hold, s; a longer hold is the pilot's.
 const RETURNS_WITHIN_S: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -30,7 +30,7 @@ struct Observed {
     sent_at: Option<DroneTime>,
     /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for other firmware.
     loss_s: Option<f64>,
-    /// Suspension of the computer with its clock: time of detection, and duration, s.
+    /// Suspension of the computer together with its clock: time of detection, and duration in s.
     stood_still: Option<(DroneTime, f64)>,
 }
 
@@ -41,7 +41,7 @@ struct Gaps {
     newest: Option<(DroneTime, f64)>,
 }
 
-/// Whether a gap may have caused a hold of PX4 reported by `now`; `loss_s` is PX4's set-point timeout.
+/// Whether a gap can explain a PX4 hold reported by `now`; `loss_s` is PX4's set-point timeout.
 fn explains((ended, gap_s): (DroneTime, f64), now: DroneTime, loss_s: f64) -> bool {
     gap_s > (loss_s - GAP_S).max(GAP_S) && (now - ended).secs() <= loss_s + REPORTED_WITHIN_S
 }
@@ -59,13 +59,13 @@ impl Gaps {
     }
 }
 
-/// Origin of a hold, decided at the change of mode and kept until the next.
+/// Decides the origin of a hold when the mode changes, and keeps it until the next change.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SetPointLossMonitor {
     /// Newest mode; None before the first report.
     mode: Option<AutopilotMode>,
     lost: bool,
-    /// Time since which set-points are sent during the hold.
+    /// Time since which set-points have been sent during the hold.
     streams: Option<DroneTime>,
     stepped: Option<DroneTime>,
     /// Gaps in our set-points and in the autopilot's messages.
@@ -113,7 +113,7 @@ impl SetPointLossMonitor {
             .is_none_or(|at| (now - at).secs() > GAP_S && (before - at).secs() <= loss_s + REPORTED_WITHIN_S);
         ours || self.sent.explains(now, loss_s) || self.received.explains(now, loss_s)
     }
-    /// Classifies a new hold; `received`: the autopilot sent a message in this step.
+    /// Classifies a new hold. `received`: whether the autopilot sent a message in this step.
     pub(super) fn watch(
         &mut self,
         now: DroneTime,
@@ -159,7 +159,7 @@ mod tests {
         (0..((to_s - from_s) * 100.0).round() as u32).map(move |k| from_s + 0.01 * f64::from(k))
     }
 
-    /// Whether a hold `after_s` after the last set-point counts as a set-point loss.
+    /// Whether a hold that begins `after_s` after the last set-point counts as a set-point loss.
     fn lost(from: AutopilotMode, to: AutopilotMode, after_s: f64, loss_s: Option<f64>) -> bool {
         let mut m = SetPointLossMonitor::default();
         for t in steps(-1.0, after_s) {
@@ -178,7 +178,7 @@ mod tests {
             (Offboard, Hold, 0.02, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.25), false),
             (Offboard, Hold, 0.8, Some(0.5), true),
-            // ArduCopter's Brake; other modes.
+            // ArduCopter's Brake, and other modes.
             (Offboard, Hold, 0.35, None, false),
             (Other, Hold, 0.35, Some(0.25), false),
             (Offboard, Land, 0.35, Some(0.25), false),
@@ -188,7 +188,7 @@ mod tests {
         }
     }
 
-    /// This computer or the autopilot stalls for `gap_s`; the hold is reported `after_s` later.
+    /// This computer or the autopilot stalls for `gap_s`, and the hold is reported `after_s` later.
     #[test]
     fn set_point_loss_after_a_standstill() {
         use AutopilotMode::{Hold, Offboard};
@@ -196,11 +196,11 @@ mod tests {
             (true, 0.5, 0.0, true),
             (true, 0.8, 0.0, true),
             (true, 1.5, 0.0, true),
-            // The frames that report the hold are late in the queue.
+            // The frames that report the hold are far back in the queue.
             (true, 1.5, 0.4, true),
             (false, 0.76, 0.0, true),
             (false, 0.76, 0.4, true),
-            // A pilot's hold: a second after the gap, or after a delay too short for a loss.
+            // Hold by the pilot: a second after the gap, or after a delay too short for a loss.
             (true, 1.5, 1.0, false),
             (false, 0.76, 1.0, false),
             (true, 0.12, 0.2, false),
@@ -222,7 +222,7 @@ mod tests {
             for t in steps(0.0, if own { 0.0 } else { gap_s }) {
                 goes_on(&mut m, t, Offboard, false);
             }
-            // The step's own set-point follows the observation.
+            // The step's own set-point is sent after the observation.
             let observe = |m: &mut SetPointLossMonitor, t: f64, mode| {
                 let sent_s = if t > gap_s || !own { t - 0.01 } else { -0.01 };
                 m.step(at(t), &observed(mode, sent_s, Some(0.25)));
@@ -235,7 +235,7 @@ mod tests {
         }
     }
 
-    /// The set-points of a computer suspended with its clock show no gap.
+    /// When a computer is suspended together with its clock, its set-points show no gap.
     #[test]
     fn set_point_loss_of_a_suspended_computer() {
         for (gap_s, expected) in [(1.5, true), (0.1, false)] {
@@ -275,7 +275,7 @@ mod tests {
             (&[][..], true, None, px4, true),
             (&[Offboard], true, None, px4, true),
             (&[Offboard], true, Some(0.01), px4, true),
-            // A pilot flew the drone; the drone is disarmed; the firmware is ArduCopter.
+            // The pilot flew the drone; the drone is disarmed; the firmware is ArduCopter.
             (&[Other], true, None, px4, false),
             (&[], false, None, px4, false),
             (&[], true, None, None, false),
@@ -297,7 +297,7 @@ mod tests {
         };
         step(0.0, AutopilotMode::Offboard, 0.0);
         step(0.3, AutopilotMode::Hold, 0.0);
-        // Without a reaction of the pilot the origin of the hold stays unknown.
+        // As long as the pilot does not act, the origin of the hold stays unknown.
         assert!(step(60.0, AutopilotMode::Hold, 0.0));
         for k in 0..40 {
             let t = 60.0 + 0.1 * f64::from(k);

@@ -1,19 +1,19 @@
 //! Orders of a ground station: `COMMAND_LONG` or `COMMAND_INT` to the companion, answered by `COMMAND_ACK`.
 //!
-//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds,
-//! `MAV_CMD_NAV_TAKEOFF` takes off if the mission permits, all with any parameters. `MAV_CMD_USER_4` keeps
-//! the station of its parameters, and is DENIED for invalid ones. An abort is accepted from every sender; an
-//! unsigned link answers any other order with DENIED unless `unsigned_orders` is set.
+//! `MAV_CMD_USER_1` and `MAV_CMD_NAV_LAND` land, `MAV_CMD_USER_2` aborts, `MAV_CMD_USER_3` holds, `MAV_CMD_NAV_TAKEOFF`
+//! takes off if the mission permits; their parameters are ignored. `MAV_CMD_USER_4` keeps station as its parameters
+//! specify and is DENIED if they are invalid. An abort is accepted from every sender; an unsigned link answers any
+//! other order with DENIED unless `unsigned_orders` is set.
 //!
-//! The answer is IN_PROGRESS at once and each second, and ACCEPTED when the mission has accepted the order.
-//! When the mission rejects it or does not accept it within 5 s, the answer is TEMPORARILY_REJECTED, or
-//! FAILED without a report of the mission, and a text gives the reason. The mission applies its usual rules.
+//! The answer is IN_PROGRESS at once and every second, and ACCEPTED when the mission has accepted the order. If the
+//! mission rejects it or does not accept it within 5 s, the answer is TEMPORARILY_REJECTED (FAILED if the mission does
+//! not report), and a text gives the reason. The mission applies its usual rules.
 //!
-//! After an abort or a pilot's takeover, an order other than an abort is rejected when a station repeats it
-//! (its confirmation counts up; a `COMMAND_INT`, which has none, may be a repetition) or gives it within a
-//! second, because the operator cannot know of the abort yet. Other repetitions get the former answer. An
-//! abort is carried out each time, because another operator may have ordered a landing since. Any sender on
-//! the autopilot's link can also fly the drone without Alight: `signing_key` protects both.
+//! After an abort or a pilot's takeover, an order other than an abort is rejected if a station repeats it (its
+//! confirmation counter increases; a `COMMAND_INT` has no counter and may be a repetition) or gives it within a second,
+//! because the operator cannot know of the abort yet. Other repetitions get the previous answer. An abort is carried
+//! out each time, because another operator may have ordered a landing in the meantime. Any sender on the autopilot's
+//! link can also fly the drone without Alight; `signing_key` protects against both.
 
 use alight_shared::admission::Periodic;
 use alight_shared::admission::command::UNAWARE_OF_ABORT;
@@ -32,7 +32,7 @@ pub(super) struct StationCommand {
 }
 
 impl StationCommand {
-    /// Kind of the order, or the answer to the station.
+    /// Order in the command, or the answer to the station.
     fn ordered(&self) -> Result<CommandKind, CommandResult> {
         match self.number {
             command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
@@ -45,9 +45,9 @@ impl StationCommand {
     }
 }
 
-/// Station from height, distances ahead and to starboard (m), and duration (min). NaN selects the default, as
-/// does 0 for height, distance ahead and time. Consoles send 0 for omitted parameters: 0 ahead and 0 to
-/// starboard select the default place, never one above the deck. DENIED outside of the bounds.
+/// Station from height, distances ahead and to starboard (m), and duration (min). NaN selects the default, and so does
+/// 0 for height, distance ahead and duration. Consoles send 0 for omitted parameters, so 0 ahead and 0 to starboard
+/// select the default place, never a place above the deck. DENIED if out of bounds.
 fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
     let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
@@ -56,7 +56,7 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
         let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&whole);
         fits.then_some(whole as i8).ok_or(CommandResult::Denied)
     };
-    // A value that rounds to 0 is not the default.
+    // A value that rounds to 0 must not select the default.
     let positive = |value: f64| match whole(value)? {
         most @ 1.. => Ok(most.unsigned_abs()),
         i8::MIN..=0 => Err(CommandResult::Denied),
@@ -77,9 +77,9 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     station.is_sane().then_some(station).ok_or(CommandResult::Denied)
 }
 
-/// Time within which a station repeats an order.
+/// Time within which a station may repeat an order.
 const REPEATED: Span = Span::from_millis(15_000);
-/// Period of answers to a pending order; without them a station gives up.
+/// Period of answers to a pending order; without answers a station gives up.
 const ANSWERED: Span = Span::from_millis(1000);
 
 const MAX_STATIONS: usize = 4;
@@ -89,7 +89,6 @@ struct StationOrder {
     number: u16,
     order: SentCommand,
     answers: Periodic<DroneClock>,
-    /// Stations that gave or repeated the order.
     stations: Vec<Address>,
 }
 
@@ -114,7 +113,7 @@ impl Repetition {
 pub(super) struct StationOrders {
     given: Option<StationOrder>,
     decided: Option<(Answer, DroneTime)>,
-    /// Last abort or pilot's takeover that stopped a landing.
+    /// Last abort or takeover by the pilot that stopped a landing.
     stopped: Option<DroneTime>,
 }
 
@@ -126,7 +125,7 @@ pub(super) enum CommandOutcome {
     Order(CommandKind),
 }
 
-/// Reasons to reject an order before it reaches the mission; each fits a STATUSTEXT.
+/// Reasons to reject an order before it reaches the mission; each fits in a STATUSTEXT.
 const OUT_OF_BOUNDS: &str = "station out of bounds";
 const UNAWARE: &str = "landing just stopped, or switch on abort";
 pub(super) const UNSIGNED: &str = "no signing_key (or unsigned_orders)";
@@ -135,7 +134,8 @@ impl StationOrders {
     pub(super) fn stopped(&mut self, now: DroneTime) {
         self.stopped = Some(now);
     }
-    /// `barred`: the remote control's switch blocks orders; `counts`: orders of this link are accepted.
+    /// Processes a command. `barred`: the remote control's switch blocks orders; `counts`: orders on this link are
+    /// accepted.
     pub(super) fn received(
         &mut self,
         now: DroneTime,
@@ -160,11 +160,11 @@ impl StationOrders {
             return CommandOutcome::Answered(CommandResult::InProgress);
         }
         if kind == CommandKind::Abort {
-            // An old answer is not reused: a landing may have been ordered since.
+            // The previous answer is not reused, because a landing may have been ordered since.
             return CommandOutcome::Order(kind);
         }
         let recent = |at: DroneTime, within| now - at < within;
-        // Checked before the former answer is reused, because its order is no longer in force.
+        // Checked before the previous answer is reused, because its order is no longer in force.
         let unaware = match repetition {
             Repetition::No => UNAWARE_OF_ABORT,
             Repetition::Yes | Repetition::Perhaps => REPEATED,
@@ -181,7 +181,7 @@ impl StationOrders {
             Some(_) | None => CommandOutcome::Order(kind),
         }
     }
-    /// Starts a new order. Returns the answer to the replaced one.
+    /// Starts a new order. Returns the answer to the one it replaces.
     pub(super) fn give(
         &mut self,
         (number, kind): (u16, CommandKind),
@@ -203,7 +203,7 @@ impl StationOrders {
         let given = self.given.as_ref();
         given.is_some_and(|g| g.order.message.kind == CommandKind::Abort)
     }
-    /// Order to publish now, answer to a completed order, and text when it failed.
+    /// Order to publish now, answer to a completed order, and text if it failed.
     pub(super) fn poll(
         &mut self,
         now: DroneTime,

@@ -1,11 +1,11 @@
-//! Mission settings that an operator changes at a ground station, by MAVLink's parameter protocol.
+//! Mission settings that an operator changes from a ground station with MAVLink's parameter protocol.
 //!
-//! The mission's state reports their values, and whether they may be changed. A PARAM_SET goes to the mission
-//! as a [`SettingsOrder`], repeated until the state shows the new value, and is then answered with
-//! PARAM_VALUE. A rejected one is answered with the present value and a text with the reason. Settings last
-//! until the processes are restarted, and survive a crash by the mission's checkpoint. When it is lost, a
-//! text reports the present values; a link that crashed as well recovers the mode, but not the heights.
-//! Values are REAL32, for which MAVLink's encodings by bytes and by value coincide.
+//! The mission's state reports the values and whether they may be changed. A PARAM_SET becomes a [`SettingsOrder`] to
+//! the mission, which is repeated until the state shows the new value and then answered with PARAM_VALUE. If it is
+//! rejected, the answer is the current value and a text with the reason. Settings last until the processes are
+//! restarted and survive a crash through the mission's checkpoint. If that is lost, a text reports the current values;
+//! a link that crashed as well recovers the mode but not the heights. Values are REAL32, for which MAVLink's bytewise
+//! and C-cast encodings coincide.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::config::ConfigError;
@@ -18,7 +18,7 @@ use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
 
-/// Rounding steps per unit: the message's single precision resolves a thousandth of a height.
+/// Rounding steps per unit: single precision resolves a thousandth of a height.
 const STEPS: f64 = 1e3;
 const PREFIX: &str = "ALIGHT_";
 const MODES: [(LandingMode, &str); 3] = [
@@ -43,7 +43,7 @@ impl StationParameter {
         StationParameter::TrackingHeight,
         StationParameter::LowestClearance,
     ];
-    /// Name of at most 16 characters.
+    /// At most 16 characters.
     const fn name(self) -> &'static str {
         match self {
             StationParameter::Mode => "ALIGHT_MODE",
@@ -75,7 +75,6 @@ impl StationParameter {
             StationParameter::LowestClearance => s.lowest_clearance_m,
         }
     }
-    /// Settings with the new value, or the reason of a rejection.
     fn changed(self, s: &MissionSettings, value: f64) -> Result<MissionSettings, String> {
         let value = (value * STEPS).round() / STEPS;
         let mut changed = *s;
@@ -86,11 +85,11 @@ impl StationParameter {
                 changed.mode = *mode;
             }
             StationParameter::ApproachHeight => changed.approach_height_m = value,
-            // The camera's exposure depends on the height in the file.
+            // The camera's exposure depends on the height in the configuration file.
             StationParameter::TrackingHeight => return Err("only the file sets it".into()),
             StationParameter::LowestClearance => changed.lowest_clearance_m = value,
         }
-        // Their limits are independent of the rest of the mission's configuration.
+        // Their limits do not depend on the rest of the mission's configuration.
         match MissionConfig::default().with(&changed) {
             Ok(_) => Ok(changed),
             Err(ConfigError::Range { key, value, allowed }) => {
@@ -149,7 +148,7 @@ struct Polled {
 }
 
 impl StationParameters {
-    /// Starts a change of `p` on top of pending ones.
+    /// Starts a change of `p` in addition to pending changes.
     fn begin(&mut self, order: SettingsOrder, station: u8, p: StationParameter) {
         let before = self.under_way.take().map(|u| u.changes);
         let mut changes = before.unwrap_or_default();
@@ -179,7 +178,7 @@ impl StationParameters {
             polled.texts = polled.values.iter().map(again).collect();
             return polled;
         };
-        // A state older than the order may still show the previous order.
+        // A state older than the order may still reflect the previous order.
         let ordered = under_way.order.message;
         let is_taken = mission.header.at > ordered.header.at && ordered.settings == *settings;
         if !is_taken && !under_way.order.is_over(now) {
@@ -205,7 +204,7 @@ impl StationParameters {
 }
 
 impl AutopilotLink {
-    /// Answers a request for all parameters, which are unknown without a mission.
+    /// Answers a request for all parameters; without a mission they are unknown.
     pub(super) fn list_parameters(&self, out: &mut AutopilotOut) {
         if let Some(m) = self.inputs.mission.get() {
             out.messages
@@ -251,7 +250,6 @@ impl AutopilotLink {
         let shown = self.inputs.mission.get().is_some_and(|m| m.settings == *settings);
         shown && self.operators.parameters.under_way.is_none()
     }
-    /// Settings with this value of `p`, or the reason of a rejection.
     fn changed_settings(
         &self,
         now: DroneTime,
@@ -279,7 +277,7 @@ impl AutopilotLink {
         }
     }
     pub(super) fn publish_settings(&mut self, now: DroneTime, out: &mut AutopilotOut) {
-        // Stations receive nothing before the autopilot is found.
+        // Nothing is sent to stations until the autopilot has been found.
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
@@ -352,7 +350,6 @@ mod tests {
         ] {
             assert_eq!(p.changed(&settings, value), Err(expected.into()), "{p:?}");
         }
-        // Single precision rounds the value.
         let height = ApproachHeight.changed(&c, f64::from(12.3_f32)).unwrap();
         assert_eq!(height.approach_height_m, 12.3);
     }
@@ -378,7 +375,7 @@ mod tests {
             "ground station 255 sets ALIGHT_MODE to 1 (match)"
         );
         assert_eq!(poll(&mut parameters, 10.4, &both), Polled::default());
-        // The mission's successor has lost the settings.
+        // The restarted mission has lost the settings.
         let lost = poll(&mut parameters, 20.0, &before);
         assert_eq!(lost.values, done.values);
         assert_eq!(lost.texts[0].1, "ALIGHT_MODE is 2 (land) now: mission restarted");
@@ -412,7 +409,7 @@ mod tests {
         let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
         parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());
-        // The change is reverted while the former order may still apply, so the old value is ordered again.
+        // The change is reverted while the earlier order may still take effect, so the old value is ordered again.
         parameters.begin(order(10.02, before), 255, StationParameter::ApproachHeight);
         let old = shown(10.01, &before);
         let ordered = parameters.poll(at(10.02), &old);

@@ -1,4 +1,4 @@
-//! Message rates, requested from the autopilot again when they are too low.
+//! Message rates; they are requested from the autopilot again when they are too low.
 
 use alight_shared::time::Span;
 
@@ -10,9 +10,9 @@ use super::modes::Firmware;
 const REQUEST_SPACING_S: f64 = 0.02;
 /// Period of the check of each stream's rate, s.
 const REVIEW_S: f64 = 2.0;
-/// Requested rate of CURRENT_MODE, Hz; a change of mode is reported within its period.
+/// Requested rate of CURRENT_MODE, Hz; a mode change is reported within one period.
 const MODE_HZ: f64 = 50.0;
-/// Requested rate of the remote control's channels and of the sensors' health for a switch, Hz.
+/// Requested rate of the remote control's channels and of sensor health, for the switch, Hz.
 const CHANNELS_HZ: f64 = 10.0;
 const STATUS_HZ: f64 = 5.0;
 const OUTPUTS_HZ: f64 = 20.0;
@@ -48,7 +48,7 @@ impl MessageStreams {
                 (id::ODOMETRY, c.odometry_hz),
                 (id::HIGHRES_IMU, c.odometry_hz),
                 (id::ESTIMATOR_STATUS, ESTIMATOR_HZ),
-                // PX4's heartbeats keep to 1 Hz; CURRENT_MODE is sent at a change of mode and at 2 Hz.
+                // PX4's heartbeats stay at 1 Hz; CURRENT_MODE is sent at a mode change and at 2 Hz.
                 (id::CURRENT_MODE, MODE_HZ),
             ],
             // ArduCopter has no ODOMETRY.
@@ -58,13 +58,13 @@ impl MessageStreams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
-                // Spin-up of the rotors; PX4's start at once.
+                // Needed for the rotors' spin-up; PX4's rotors start at once.
                 (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };
         let both = [
             (id::EXTENDED_SYS_STATE, 10.0),
-            // Applied thrust. (ArduCopter's VFR_HUD truncates it to whole percents.)
+            // Applied thrust. ArduCopter's VFR_HUD truncates it to whole percent.
             (id::ATTITUDE_TARGET, 50.0),
             (id::DISTANCE_SENSOR, c.range_hz),
             (id::BATTERY_STATUS, 1.0),
@@ -124,7 +124,7 @@ impl MessageStreams {
         }
         for s in &mut self.list {
             if now >= s.review_at {
-                // Nothing was received before the first check, so it requests the stream.
+                // Nothing has been received before the first check, so it requests the stream.
                 s.wanted = f64::from(s.received) < s.min_hz * REVIEW_S;
                 if !s.wanted {
                     s.denials = 0;
@@ -153,7 +153,7 @@ mod tests {
 
     const TO: Address = Address::new(1, 1);
 
-    /// Message ids requested over `seconds` while the streams in `sent` arrive at their rate.
+    /// Message ids requested within `seconds` while the streams in `sent` arrive at their rates.
     fn asked(
         s: &mut MessageStreams,
         from_s: f64,

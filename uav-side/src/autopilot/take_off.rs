@@ -1,14 +1,13 @@
-//! Mode change and arming for a take-off, and disarm after one that was stopped on the deck.
+//! Mode change and arming for a take-off, and disarming after a take-off that was stopped on the deck.
 //!
-//! In [`State::SpinUp`] (ordered by an operator, cleared by the crew, countdown over) the link chooses
-//! OFFBOARD (GUIDED) and arms. It does not override a mode that the pilot chooses afterwards, nor arm a
-//! second time; a link that starts in that state does neither. Texts explain the answer to the arming
-//! command.
+//! In [`State::SpinUp`] (ordered by an operator, cleared by the crew, countdown over) the link selects OFFBOARD
+//! (GUIDED) and arms. It neither overrides a mode that the pilot chooses afterwards nor arms a second time; a link that
+//! starts in that state does neither. A text explains a denied arming command.
 //!
-//! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed
-//! by force once two witnesses show that it stands ([`crate::standing`]), because no land detector works on a
-//! moving deck. If set-points stopped meanwhile, the autopilot may have lifted the drone; until two witnesses
-//! show that it stands, a thrust too low to carry it is replaced by a small climb and a hold.
+//! After a stopped take-off the drone was armed by this link and has had little thrust since. It is disarmed by force
+//! once two witnesses show that it stands ([`crate::standing`]), because no land detector works on a moving deck. If
+//! set-points stopped in the meantime, the autopilot may have lifted the drone. Until two witnesses show that it
+//! stands, a thrust too low to carry it is replaced by a small climb and a hold.
 
 use alight_shared::admission::Periodic;
 use alight_shared::geometry::GRAVITY;
@@ -39,7 +38,7 @@ pub(super) struct TakeOffSequence {
     modes: u32,
     arms: u32,
     was_ours: bool,
-    /// Whether an arming command was sent, and no disarmed state outside of a take-off followed.
+    /// Whether an arming command was sent, and no disarmed state outside a take-off has followed.
     armed: bool,
     disarms: u32,
     standing: StandingMonitor,
@@ -47,7 +46,6 @@ pub(super) struct TakeOffSequence {
     /// Whether set-points stopped and no later verdict shows a standing drone.
     may_fly: bool,
     next: Periodic<DroneClock>,
-    /// Newest text on a denial.
     text: Option<(DroneTime, String)>,
 }
 
@@ -55,19 +53,17 @@ impl TakeOffSequence {
     pub(super) fn disarms(&self) -> u32 {
         self.disarms
     }
-    /// Stores a text that may explain a denied arming.
     pub(super) fn explained(&mut self, now: DroneTime, text: &str) {
         if self.since.is_some() {
             self.text = Some((now, text.into()));
         }
     }
-    /// Waits after an accepted command: PX4's next heartbeat may be a second later.
+    /// Waits after an accepted command, because PX4's next heartbeat may be a second away.
     pub(super) fn accepted(&mut self, now: DroneTime) {
         if self.arms > 0 && self.disarms == 0 {
             self.next.restart(now, PAUSE + PAUSE);
         }
     }
-    /// Text on a denied arming command of a take-off.
     pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;
@@ -79,8 +75,8 @@ impl TakeOffSequence {
 }
 
 impl AutopilotLink {
-    /// Whether set-points are streamed before a heartbeat shows that they are followed: in a take-off, and
-    /// after a set-point loss in every flying state of the mission.
+    /// Whether set-points are streamed before a heartbeat shows that they are followed: in a take-off, and after a
+    /// set-point loss in every flying state of the mission.
     pub(super) fn streams_ahead(&self, now: DroneTime) -> bool {
         let Some(state) = self.inputs.fresh_state(now) else {
             return false;
@@ -104,7 +100,6 @@ impl AutopilotLink {
         }
     }
 
-    /// Updates the verdict during a take-off or after a stopped one.
     pub(super) fn watch_standing(&mut self, now: DroneTime) {
         let Some(peer) = &self.peer else { return };
         let mission = self.inputs.last_state(now);
@@ -118,10 +113,10 @@ impl AutopilotLink {
         let applied = self.thrust_of_hover(now);
         // In OFFBOARD without a thrust report, the commanded thrust is used.
         let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
-        // The norm is independent of the attitude at rest.
+        // The norm does not depend on the attitude at rest.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
-        // By GNSS receivers alone the deck's height may be wrong by metres and can only support the verdict.
+        // From GNSS receivers alone the deck's height may be wrong by metres, so it can only support the verdict.
         let forecast = (evidence.forecast_height).is_some_and(|h| h.abs() <= self.config.disarm.height_m);
         let heights = [
             by_height(evidence.range_height),
@@ -139,7 +134,7 @@ impl AutopilotLink {
             StandingVerdict::Flies => true,
         };
     }
-    /// A drone that may fly with too little thrust gets a small climb and a hold instead.
+    /// Replaces the set-point of a drone that may be flying with too little thrust by a small climb and a hold.
     pub(super) fn carried(&mut self, now: DroneTime, wanted: SetPoint) -> Option<SetPoint> {
         let low = self.config.disarm.max_thrust_of_hover * self.estimate.hover.value();
         let falls = wanted.kind == SetPointKind::Attitude && wanted.thrust <= low;
@@ -167,7 +162,7 @@ impl AutopilotLink {
 
     fn prepare_take_off(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let authority = self.control_authority();
-        // A previous link may have chosen our mode or armed, and the pilot may have ended that.
+        // A previous link may have selected our mode or armed, and the pilot may have ended that.
         let succeeds = self.inputs.fresh_mission(now).map(|m| m.since) < self.succession.began;
         let Some(peer) = &self.peer else { return };
         let d = &mut self.commands.departure;
@@ -175,7 +170,7 @@ impl AutopilotLink {
         let ours = peer.mode == AutopilotMode::Offboard;
         d.was_ours |= ours;
         if peer.armed {
-            // A later disarm is the pilot's or the autopilot's.
+            // A later disarm comes from the pilot or the autopilot.
             d.arms = ARM_TRIES;
         }
         if peer.armed || succeeds {
@@ -190,7 +185,7 @@ impl AutopilotLink {
             }
             return;
         }
-        // PX4 needs the stream for arming in that mode as well.
+        // PX4 also needs the stream for arming in that mode.
         let streamed = now - since >= STREAMS;
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
         if may && d.next.is_due_spaced(now, PAUSE) {
@@ -199,13 +194,12 @@ impl AutopilotLink {
         }
     }
 
-    /// Disarms a drone that this link armed for a stopped take-off.
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
         let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
         let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
-            // A command to arm may still be unanswered.
+            // An arming command may still be unanswered.
             let d = &mut self.commands.departure;
             if d.next.is_ready(now - PAUSE) {
                 *d = TakeOffSequence::default();

@@ -5,7 +5,7 @@ use crate::odometry::hover::hover_sample;
 
 const BOUNDS: [f64; 2] = [0.1, 0.9];
 
-/// Fraction of full thrust at a command `u` of the autopilot: `T = f u² + (1 - f) u` (PX4's thrust model, THR_MDL_FAC).
+/// Fraction of full thrust for an autopilot command `u`: `T = f u² + (1 - f) u` (PX4's thrust model, THR_MDL_FAC).
 pub(crate) fn fraction(command: f64, curve: f64) -> f64 {
     let u = command.clamp(0.0, 1.0);
     curve * u * u + (1.0 - curve) * u
@@ -21,7 +21,7 @@ pub(crate) fn command(fraction: f64, curve: f64) -> f64 {
     ((b * b + 4.0 * curve * t).sqrt() - b) / (2.0 * curve)
 }
 
-/// Hover thrust, identified in flight: `T_h = T g / f` with the low-pass `f` of the specific force upwards.
+/// Hover thrust, identified in flight: `T_h = T g / f` with the low-pass-filtered upward specific force `f`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct HoverThrust {
     value: f64,
@@ -51,8 +51,8 @@ impl HoverThrust {
     pub(crate) fn is_learned(&self, time_s: f64) -> bool {
         self.learned_s >= time_s
     }
-    /// Learns in flight from the applied thrust (fraction) and the specific force upwards, m/s². Shocks, free
-    /// fall and low thrust are not informative.
+    /// Learns in flight from the applied thrust (fraction) and the upward specific force, m/s². Shocks, free fall and
+    /// low thrust are ignored because they are not informative.
     pub(crate) fn learn(&mut self, thrust: f64, up: f64, dt: f64, time_s: f64) {
         let Some(sample) = hover_sample(thrust, up, [0.7, 1.3]) else {
             return;
@@ -60,7 +60,7 @@ impl HoverThrust {
         if !(0.3 * self.value..=1.0).contains(&thrust) || !(0.0..=0.1).contains(&dt) {
             return;
         }
-        // First a mean, then an exponentially weighted one, so that a wrong initial value is soon forgotten.
+        // Starts as a mean and becomes an exponentially weighted one, so that a wrong initial value is soon forgotten.
         self.learned_s += dt;
         let gain = (dt / time_s.min(self.learned_s).max(dt)).min(1.0);
         self.value += gain * (sample - self.value);
@@ -70,10 +70,10 @@ impl HoverThrust {
 
 /// Maximum time between set-points of a stream, s.
 const STREAM_S: f64 = 0.1;
-/// Delay until a commanded thrust takes effect, s: serial line, the autopilot's period and the rotors' lag.
+/// Delay until a commanded thrust takes effect, s: serial line, autopilot period and rotor lag.
 const REACHES_S: f64 = 0.2;
 
-/// Whether the commanded thrust has been low for long enough to take effect; replaces a missing report.
+/// Whether the commanded thrust has been low for long enough to take effect. Replaces a missing thrust report.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct SentThrust {
     at: Option<DroneTime>,

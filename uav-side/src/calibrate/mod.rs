@@ -1,17 +1,16 @@
-//! Position of the deck on the vessel, measured by the drone that stands on it.
+//! Position of the deck on the vessel, measured by a drone that stands on it.
 //!
-//! With the drone at rest on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`, `R_v`) determine
-//! the point `r` of the vessel's body on which its feet stand:
+//! While the drone rests on the deck, its odometry (`p_d`, `R_d`) and the vessel's estimate (`p_v`, `R_v`) determine
+//! the point `r` in the vessel's body frame on which its feet stand:
 //!
 //! ```text
 //! p_d + R_d [0, 0, feet_below] = p_v + R_v r + b
 //! ```
 //!
-//! `b` is the difference of the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly
-//! varying. `b` is separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but
-//! not `b` ([`regression::regress`]), while the mean over time contains all of `b`. Both are weighted by
-//! their information. A tag detected from the deck gives the drone's position and the camera's rotation
-//! relative to the feet.
+//! `b` is the difference between the two GNSS receivers: a metre without corrections, centimetres with RTK, slowly
+//! varying. `b` can be separated from `r` because the vessel's rocking within [`SLOW_S`] changes both sides but not `b`
+//! ([`regression::regress`]), while the mean over time contains all of `b`. Both estimates are weighted by their
+//! information. A tag detected from the deck gives the drone's position and the camera's rotation relative to the feet.
 
 pub mod regression;
 #[cfg(test)]
@@ -33,18 +32,18 @@ use regression::{Information, mean, regress};
 
 /// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea.
 const SLOW_S: f64 = 10.0;
-/// Correlation time of the vessel estimate's errors, s. Chosen: a wave period.
+/// Correlation time of the vessel estimate's errors, s. Chosen: one wave period.
 const SHARED_S: f64 = 5.0;
-/// Minimum rocking that carries information, rad, root mean square. Chosen: 0.3 deg moves a deck at 1.3 m by 7 mm.
+/// Minimum RMS rocking that carries information, rad. Chosen: 0.3 deg moves a deck at 1.3 m by 7 mm.
 const MIN_ROCKING_RAD: f64 = 0.005;
-/// Error of the estimated sway in phase with the rocking, m. Chosen: in a minute of slight sea (seeds 1 to 8)
-/// the rocking alone errs by 0.06 to 0.09 m; with 0.006 the stated error is 0.1 to 0.3 m.
+/// Error of the estimated sway in phase with the rocking, m. Chosen: over a minute of slight sea (seeds 1 to 8) the
+/// rocking alone is wrong by 0.06 to 0.09 m; with 0.006 the stated error is 0.1 to 0.3 m.
 const RHYTHM_M: f64 = 0.006;
 /// Error of the estimated sway as a fraction of the stated error. Chosen: receivers without corrections are wrong by
 /// 0.3 m, and an estimate from the rocking alone is then wrong by 0.3 to 1 m.
 const RHYTHM_FRACTION: f64 = 0.05;
-/// Drift of odometry and vessel estimate that a recording does not show, each axis, m. Chosen: with receivers
-/// of 1 cm and the same seeds the mean alone is wrong by 0.11 to 0.16 m.
+/// Drift of odometry and vessel estimate that a recording does not reveal, each axis, m. Chosen: with receivers
+/// accurate to 1 cm and the same seeds the mean alone is wrong by 0.11 to 0.16 m.
 const WANDER_M: f64 = 0.13;
 /// Minimum time on the deck, s, and number of vessel estimates. Chosen: four periods of a 5 s sea.
 const MIN_DURATION_S: f64 = 20.0;
@@ -52,17 +51,17 @@ const MIN_ESTIMATES: usize = 200;
 /// Maximum number of samples; more are thinned (an hour at 2 Hz).
 const MAX_SAMPLES: usize = 8192;
 const MIN_TAGS: usize = 30;
-/// Limits for 95 of 100 samples of a drone at rest: rotation relative to the deck, rad, and displacement, m.
-/// Chosen: both attitudes err by less than 1 deg; without corrections the receivers move by 0.3 m.
+/// Limits met by 95 % of the samples of a drone at rest: rotation relative to the deck, rad, and displacement, m.
+/// Chosen: both attitudes are accurate to 1 deg; without corrections the receivers drift by 0.3 m.
 const STILL_RAD: f64 = 0.052;
 const STILL_M: f64 = 0.5;
 /// Limit of the displacement in the tag's frame, m.
 const STILL_TAG_M: f64 = 0.05;
-/// Error of the vessel's reference point relative to its sensors, m. Chosen: lever arms measured by tape.
+/// Error of the vessel's reference point relative to its sensors, m. Chosen: lever arms measured with a tape.
 const LEVER_SD_M: f64 = 0.01;
 /// Assumed height differences between the feet, m.
 const FOOT_SD_M: f64 = 0.002;
-/// Largest error of a calibration that can reveal a wrongly measured deck, m: a fifth of a deck's half width.
+/// Maximum error of a calibration that can still reveal a wrongly measured deck, m: a fifth of a deck's half width.
 pub const USABLE_M: f64 = 0.2;
 /// Number of standard errors within which a configured value agrees with the result.
 const AGREEMENT_SDS: f64 = 2.0;
@@ -71,12 +70,12 @@ const AGREEMENT_SDS: f64 = 2.0;
 pub struct DronePlacement {
     pub at_m: [f64; 2],
     pub sd_m: f64,
-    /// Difference of the two GNSS receivers, horizontal and vertical, standard deviations, m.
+    /// Standard deviations of the difference between the two GNSS receivers, horizontal and vertical, m.
     pub receivers_sd_m: [f64; 2],
 }
 
 impl DronePlacement {
-    /// Placement on the deck's centre to within 2 cm, with the receivers' errors of the predictor's configuration.
+    /// Placement at the deck's centre to within 2 cm, with receiver errors from the predictor's configuration.
     pub fn centred(config: &PredictorConfig) -> DronePlacement {
         let [radio, vision] = [config.radio_bias_sd_m_rad, config.vision_bias_sd_m_rad];
         DronePlacement {
@@ -100,16 +99,15 @@ pub enum DeckCalibrationError {
         /// 95th percentile of the angle to the mean attitude.
         deg: f64,
     },
-    /// The drone moves on the deck, or a position is useless.
+    /// The drone moves on the deck, or a position is unusable.
     #[error(
         "the drone moves by {metres:.2} m relative to the vessel within {SLOW_S} s: it does not stand still on the \
          deck, or one of the two positions is too uncertain"
     )]
     Moves {
-        /// 95th percentile of the distance not explained by the rocking.
+        /// 95th percentile of the displacement that the rocking does not explain.
         metres: f64,
     },
-    /// The spread of the samples is not finite.
     #[error("no estimate from the samples: their spread is not finite")]
     Spread,
 }
@@ -118,15 +116,15 @@ pub fn replaces(found: &ValueWithSd, configured: f64) -> bool {
     found.sd <= USABLE_M && (found.value - configured).abs() > AGREEMENT_SDS * found.sd
 }
 
-/// Camera mount, calibrated by a tag detected from the deck.
+/// Camera mount, calibrated with a tag detected from the deck.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MountCalibration {
     pub tags: usize,
-    /// Rotation of the camera relative to the feet about forward and right, rad.
+    /// Rotation of the camera relative to the feet about the forward and right axes, rad.
     pub tilt: [ValueWithSd; 2],
-    /// Rotation of the camera about down, rad; it includes the errors of both compasses.
+    /// Rotation of the camera about the down axis, rad; includes the errors of both compasses.
     pub turn: ValueWithSd,
-    /// Height of the camera above the deck minus the configured one (`feet_below_m`, `camera_m`), m.
+    /// Height of the camera above the deck minus the configured height (`feet_below_m`, `camera_m`), m.
     pub height: ValueWithSd,
 }
 
@@ -134,9 +132,9 @@ pub struct MountCalibration {
 pub struct DeckCalibrationResult {
     pub estimates: usize,
     pub seconds: f64,
-    /// Root mean square of roll and pitch about their slow mean, rad.
+    /// RMS of roll and pitch about their slow mean, rad.
     pub rocking_rad: f64,
-    /// Centre of the deck in the vessel's body, m.
+    /// Centre of the deck in the vessel's body frame, m.
     pub centre: [ValueWithSd; 3],
     /// Position of the drone on the deck, forward and right of its centre, m.
     pub stood_at: [ValueWithSd; 2],
@@ -144,31 +142,30 @@ pub struct DeckCalibrationResult {
     pub tilt: [ValueWithSd; 2],
     /// Heading of the drone on the deck, rad clockwise from the bow.
     pub heading: ValueWithSd,
-    /// Camera mount; None when the tag is not detected from the deck.
+    /// Camera mount; None if the tag is not detected from the deck.
     pub mount: Option<MountCalibration>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     t_s: f64,
-    /// Feet minus the vessel's reference point, NED, m.
+    /// Position of the feet minus the vessel's reference point, NED, m.
     apart: Vector3<f64>,
-    /// NED from vessel.
+    /// Rotation from vessel to NED.
     vessel: Matrix3<f64>,
-    /// Vessel from drone.
+    /// Rotation from drone to vessel.
     relative: UnitQuaternion<f64>,
     /// Stated variances of both positions, m².
     stated: Vector3<f64>,
 }
 
-/// Collects samples while the drone stands.
 #[derive(Clone, Debug)]
 pub struct DeckCalibration {
     config: PredictorConfig,
     stand: DronePlacement,
     track: DroneTrack,
     samples: Vec<Sample>,
-    /// One of `every` estimates is kept.
+    /// Decimation: one of `every` estimates is kept.
     every: usize,
     count: usize,
     newest: Option<Time<DroneClock>>,
@@ -188,7 +185,7 @@ impl DeckCalibration {
             tags: Vec::new(),
         }
     }
-    /// Discards all samples: the motors may turn, and the drone may stand elsewhere afterwards.
+    /// Discards all samples, because the motors may turn and the drone may stand elsewhere afterwards.
     pub fn armed(&mut self) {
         self.samples.clear();
         self.tags.clear();
@@ -196,7 +193,7 @@ impl DeckCalibration {
     }
     pub fn drone(&mut self, state: &DroneState) {
         let newer = self.track.newest().is_none_or(|s| state.header.at > s.header.at);
-        // After a jump of the autopilot's origin the collection starts again.
+        // A jump of the autopilot's origin restarts the collection.
         if state.check().is_ok() && newer && self.track.push(state).is_some() {
             self.armed();
         }
@@ -251,7 +248,7 @@ impl DeckCalibration {
             camera * Vector3::from(m.position) + Vector3::from(self.config.drone.camera_m),
         ));
     }
-    /// Processes the predictor's input of one step; `stands`: whether the drone stands disarmed.
+    /// Processes one step of predictor input. `stands`: whether the drone stands disarmed.
     pub fn take(&mut self, input: &PredictorIn, stands: bool) {
         input.drone.iter().for_each(|s| self.drone(s));
         if stands {
@@ -259,7 +256,7 @@ impl DeckCalibration {
             input.tags.iter().for_each(|m| self.tag(m));
         }
     }
-    /// Number of collected estimates, and their time span, s.
+    /// Number of collected estimates, and their time span in s.
     pub fn collected(&self) -> (usize, f64) {
         let [first, last] = [self.samples.first(), self.samples.last()].map(|p| p.map_or(0.0, |p| p.t_s));
         (self.samples.len(), last - first)
@@ -304,7 +301,7 @@ impl DeckCalibration {
         })
     }
 
-    /// Tilt of the feet's plane relative to the deck's, standard deviation, rad.
+    /// Standard deviation of the tilt between the feet's plane and the deck, rad.
     fn uneven_rad(&self) -> f64 {
         let [along, across] = self.config.drone.feet_span_m;
         FOOT_SD_M / along.min(across).max(1e-3)
@@ -315,7 +312,7 @@ impl DeckCalibration {
             .samples
             .iter()
             .fold(Quaternion::new(0.0, 0.0, 0.0, 0.0), |s, p| {
-                // Each rotation has two quaternions.
+                // Each rotation has two quaternions, so choose the same sign for all.
                 let q = *p.relative.quaternion();
                 if s.dot(&q) < 0.0 { s - q } else { s + q }
             });
@@ -336,7 +333,7 @@ impl DeckCalibration {
             let [radio, vision] = [self.config.radio_bias_sd_m_rad, self.config.vision_bias_sd_m_rad];
             radio[i].hypot(vision[i])
         };
-        // Tilt of the feet's plane, independent of the drone's heading.
+        // Tilt of the feet's plane, whatever the drone's heading.
         let down = middle * Vector3::z();
         let sd = |i: usize| (covariance[(i, i)] + bias(i + 3).powi(2) + self.uneven_rad().powi(2)).sqrt();
         Ok(Relative {
@@ -364,12 +361,12 @@ impl DeckCalibration {
             .collect();
         let (value, covariance) = mean(&own, lags).ok_or(DeckCalibrationError::Spread)?;
         let [h, v] = self.stand.receivers_sd_m;
-        // Filter errors are correlated: a mean over many estimates is no better than one of them.
+        // Filter errors are correlated, so the mean of many estimates is no better than one of them.
         let stated = self.samples.iter().map(|p| p.stated).sum::<Vector3<f64>>() / self.samples.len() as f64;
         let rhythm = RHYTHM_M.hypot(RHYTHM_FRACTION * stated.xy().max().sqrt());
         let from_rocking = regress(&fast, MIN_ROCKING_RAD, lags, rhythm);
         let level = (Vector3::new(h * h, h * h, v * v) + stated).add_scalar(WANDER_M * WANDER_M);
-        // For a level vessel the receivers' errors are the same in its body.
+        // The receivers' errors are the same in the body frame of a level vessel.
         let receivers = Matrix3::from_diagonal(&Vector3::new(level.xy().max(), level.xy().max(), level.z));
         let from_mean =
             Information::of(&value, &(covariance + receivers)).ok_or(DeckCalibrationError::Spread)?;
@@ -382,7 +379,7 @@ impl DeckCalibration {
         Ok((feet, rocking_rad))
     }
 
-    /// Attitude of the vessel and position of the feet relative to their means over [`SLOW_S`].
+    /// Vessel attitude and foot position relative to their means over [`SLOW_S`].
     fn fast(&self) -> Vec<(Matrix3<f64>, Vector3<f64>)> {
         let (mut first, mut last) = (0, 0);
         let (mut a, mut y) = (Matrix3::zeros(), Vector3::zeros());
@@ -414,7 +411,6 @@ impl DeckCalibration {
         }
         let c = &self.config;
         let feet = Vector3::z() * c.drone.feet_below_m;
-        // Feet in the deck's frame.
         let places: Vec<Vector3<f64>> = self
             .tags
             .iter()
@@ -444,9 +440,9 @@ impl DeckCalibration {
         let tilt = core::array::from_fn(|i| {
             ValueWithSd::new(rotation[i], rotation_cov[(i, i)].sqrt().hypot(self.uneven_rad()))
         });
-        // The rotation of the tag relative to the drone is minus the drone's heading on the deck.
+        // The tag's rotation relative to the drone is minus the drone's heading on the deck.
         let turn = alight_shared::frames::wrap_angle(-rotation[2] - relative.heading.value);
-        // A rotated camera points to another place below the feet.
+        // A rotated camera is aimed at another point below the feet.
         let lens = c
             .camera_mount_sd_m
             .hypot(c.drone.feet_below_m * rotation.xy().norm());

@@ -1,8 +1,8 @@
-//! Standard errors for autocorrelated samples: neighbouring samples have a common error.
+//! Standard errors for autocorrelated samples, in which neighbours have a common error.
 
 use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 
-/// Covariance of the sum of `scores`, with lags up to `lags` and Bartlett's weights (Newey and West 1987).
+/// Covariance of the sum of `scores`, over lags up to `lags` with Bartlett weights (Newey and West 1987).
 fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
     let mut s: Matrix3<f64> = scores.iter().map(|v| v * v.transpose()).sum();
     for lag in 1..=lags.min(scores.len().saturating_sub(1)) {
@@ -18,7 +18,7 @@ fn long_run(scores: &[Vector3<f64>], lags: usize) -> Matrix3<f64> {
     s
 }
 
-/// Mean of `samples` and its covariance, with errors correlated over `lags` neighbours.
+/// Mean of `samples` and its covariance, if errors are correlated over `lags` neighbours.
 pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matrix3<f64>)> {
     if samples.len() < 2 {
         return None;
@@ -29,7 +29,7 @@ pub fn mean(samples: &[Vector3<f64>], lags: usize) -> Option<(Vector3<f64>, Matr
     Some((mean, long_run(&about, lags) / (n * n)))
 }
 
-/// Information matrix of a regression (zero in unknown directions) and its product with the value.
+/// Information matrix of a regression (zero in unobserved directions), and its product with the value.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Information {
     matrix: Matrix3<f64>,
@@ -51,16 +51,15 @@ impl Information {
             vector: self.vector + other.vector,
         }
     }
-    /// Value and covariance; None while a direction is unknown.
+    /// Value and covariance; None while a direction is unobserved.
     pub fn value(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let covariance = self.matrix.try_inverse()?;
         Some((covariance * self.vector, covariance))
     }
 }
 
-/// Least squares of `y = A x + e` in those directions of x that `A` excites by at least `floor` (root mean
-/// square). Errors are correlated over `lags` neighbours. An error of `with` (root mean square) in phase with
-/// `A`, which no residual reveals, is added.
+/// Least squares of `y = A x + e` in those directions of x that `A` excites by at least `floor` (RMS). Errors are
+/// correlated over `lags` neighbours. Adds an error of `with` (RMS) in phase with `A`, which no residual reveals.
 pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], floor: f64, lags: usize, with: f64) -> Information {
     let n = samples.len() as f64;
     let normal: Matrix3<f64> = samples.iter().map(|(a, _)| a.transpose() * a).sum();
@@ -76,7 +75,7 @@ pub fn regress(samples: &[(Matrix3<f64>, Vector3<f64>)], floor: f64, lags: usize
         return Information::default();
     }
     let right: Vector3<f64> = samples.iter().map(|(a, y)| a.transpose() * y).sum();
-    // In the eigenvectors the normal matrix is diagonal.
+    // The normal matrix is diagonal in its eigenvectors.
     let value: Vector3<f64> = directions
         .iter()
         .map(|v| v * (v.dot(&right) / (v.dot(&(normal * v)))))
@@ -114,7 +113,7 @@ mod tests {
 
     #[test]
     fn mean_covariance_of_correlated_samples() {
-        // Tenfold repetition of each value does not change the error of the mean.
+        // Repeating each value ten times does not change the error of the mean.
         let distinct: Vec<f64> = (0..100)
             .map(|k| (f64::from(k * k) * 0.754_877_666).fract() - 0.5)
             .collect();

@@ -2,8 +2,8 @@ use alight_shared::msg::{Header, f16};
 
 use super::*;
 
-/// Calibration over `seconds` by a drone that stands at `r` on a vessel that rolls and pitches by `rocking`; `away` is
-/// an additional motion of the drone's position and heading, m and rad.
+/// Calibration over `seconds` with a drone at `r` on a vessel that rolls and pitches by `rocking`; `away` is an
+/// additional motion of the drone's position and heading, m and rad.
 fn stood(
     rocking: f64,
     seconds: f64,

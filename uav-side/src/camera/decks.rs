@@ -1,4 +1,4 @@
-//! Assignment of the tags in an image to decks; boats side by side may have the same tag numbers.
+//! Assigns the tags in an image to decks, because neighbouring boats may use the same tag numbers.
 
 use alight_shared::tags::DeckTag;
 use nalgebra::{Vector2, Vector3};
@@ -6,10 +6,11 @@ use nalgebra::{Vector2, Vector3};
 use super::square_pose::{DetectedTag, solve};
 
 pub(super) const MAX_DECKS: usize = 4;
-/// Maximum distance of a tag from its place on a deck to be assigned to it, m: half of the narrowest deck.
+/// Maximum distance between a tag and its nominal place on a deck, m: half of the narrowest deck.
 const WITHIN_M: f64 = 0.8;
 
-/// Tags by deck, the deck with the largest tag first. Without a repeated number all tags belong to one deck.
+/// Tags grouped by deck, starting with the deck of the largest tag. If no number is repeated, all tags belong to one
+/// deck.
 pub(super) fn apart(detected: Vec<DetectedTag>) -> Vec<Vec<DetectedTag>> {
     let (mut rest, mut decks) = (detected, Vec::new());
     while decks.len() < MAX_DECKS && !rest.is_empty() {
@@ -33,7 +34,7 @@ fn middle(s: &DetectedTag) -> Vector2<f64> {
     s.image.iter().sum::<Vector2<f64>>() / 4.0
 }
 
-/// Largest tag and those that lie at their places on its deck, one of each number; None when it has no pose.
+/// The largest tag and those at their nominal places on its deck, one of each number; None if it has no pose.
 fn around_largest(detected: &[DetectedTag]) -> Option<Vec<usize>> {
     let size = |s: &DetectedTag| (s.image[2] - s.image[0]).norm_squared();
     let largest = detected.iter().max_by(|a, b| size(a).total_cmp(&size(b)))?;
@@ -60,7 +61,6 @@ fn around_largest(detected: &[DetectedTag]) -> Option<Vec<usize>> {
         .collect();
     own.sort_unstable();
     own.dedup();
-    // The largest tag belongs to its own deck by definition.
     (!own.is_empty()).then_some(own)
 }
 
@@ -71,7 +71,7 @@ mod tests {
     use alight_shared::geometry::DeckGeometry;
     use nalgebra::UnitQuaternion;
 
-    /// Two decks 3 m apart with different tilts, viewed from 9 m above, with their tags in any order.
+    /// Two decks 3 m apart with different tilts, viewed from 9 m above, with the tags in any order.
     #[test]
     fn tags_of_two_boats_in_one_image() {
         let tags = DeckGeometry::default().tags();
@@ -105,7 +105,7 @@ mod tests {
             (places[0] + 1.0).abs() < 0.01 && (places[1] - 2.0).abs() < 0.01,
             "{places:?}"
         );
-        // The image shows one boat alone, or one boat with half of another.
+        // The image shows only one boat, or one boat and half of another.
         assert_eq!(apart(a.clone()).len(), 1);
         let half: Vec<_> = a.iter().chain(b.iter().take(3)).copied().collect();
         let sizes: Vec<_> = apart(half).iter().map(Vec::len).collect();

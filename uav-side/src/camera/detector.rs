@@ -1,4 +1,4 @@
-//! Detection of the deck's tags by the AprilTag library of its authors (Wang and Olson 2016), family 36h11.
+//! Detection of the deck's tags with the AprilTag library of its authors (Wang and Olson 2016), family 36h11.
 
 use alight_shared::config;
 use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
@@ -14,34 +14,35 @@ const MAX_DETECTIONS: usize = 64;
 
 config! {
     pub struct TagSettings {
-        /// Number of the deck's tag in the family 36h11, for a deck with a single tag (`drone.deck.tag_side_m`).
+        /// Number of the deck's tag in family 36h11, for a deck with a single tag (`drone.deck.tag_side_m`).
         pub id: u16 = 0, in 0.0..=586.0;
-        /// Maximum number of wrong bits of 36 that are corrected.
+        /// Maximum number of wrong bits (of 36) that are corrected.
         pub bits_corrected: u8 = 1, in 0.0..=2.0;
         /// Minimum decision margin: mean contrast of the bits against their threshold, grey levels.
         pub min_margin: f64 = 20.0, in 0.0..=255.0;
-        /// Minimum side in the image, px.
+        /// Minimum side of a tag in the image, px.
         pub min_side_px: f64 = 10.0, in 5.0..=1e4;
-        /// Factor by which the search reduces the image's resolution; corners are refined at full resolution.
+        /// Factor by which the image is reduced for the search; corners are refined at full resolution.
         /// Chosen: at full resolution 640 x 480 takes twice the time and extends the range by 3 m.
         pub decimate: f64 = 1.5, in 1.0..=4.0;
         /// Standard deviation of each corner coordinate of a large, sharp tag, px.
         /// Source: Twice the value of rendered images, for the residual error of a calibrated lens.
         pub corner_sd_px: f64 = 0.15, in 0.01..=20.0;
-        /// Standard deviation of a corner as a fraction of the tag's side in the image: the lens error after calibration.
+        /// Standard deviation of a corner as a fraction of the tag's side in the image: residual lens error after
+        /// calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
-        /// Standard deviation added in quadrature to tags up to `small_width_px` wide, px.
+        /// Standard deviation added in quadrature for tags up to `small_width_px` wide, px.
         /// Source: Rendered images give 0.23, 16 and 0.2.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
-        /// Width of the tag in the image above which that deviation decreases with the fourth power of the width, px.
+        /// Width of the tag in the image above which `small_sd_px` decreases with the fourth power of the width, px.
         pub small_width_px: f64 = 16.0, in 1.0..=1e4;
-        /// Standard deviation added by motion blur, as a fraction of the squared blur over the tag's width.
+        /// Standard deviation added for motion blur, as a fraction of the squared blur over the tag's width.
         pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
-        /// Standard deviation of each tag's position on the deck, each axis, m. Unused for a single tag.
+        /// Standard deviation of each tag's position on the deck, each axis, m. Not used for a single tag.
         /// Source: laid by tape on printed lines.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
-        /// Maximum sum of squared reprojection errors of a tag, in variances of a corner. Several tags have a
-        /// limit of equal probability.
+        /// Maximum sum of a tag's squared reprojection errors, in corner variances. For several tags the limit has
+        /// the same probability.
         pub max_misfit: f64 = 40.0, in 1.0..=1e6;
     }
 }
@@ -49,12 +50,12 @@ config! {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TagDetection {
     pub tag: DeckTag,
-    /// Corners, px, in the order of [`super::square_pose::corners`]; the tag's upper edge is its forward one.
+    /// Corners, px, in the order of [`super::square_pose::corners`]; the tag's upper edge is at the front.
     pub corners: [Vector2<f64>; 4],
     pub wrong_bits: usize,
     /// Decision margin, grey levels.
     pub margin: f64,
-    /// Square of the motion during the exposure, from the edges, px².
+    /// Squared motion during the exposure, measured from the edges, px².
     pub motion_blur_px2: f64,
     pub light: TagLight,
 }
@@ -71,15 +72,16 @@ impl TagDetection {
 pub struct TagCounts {
     pub images: u64,
     pub detected: u64,
-    /// Tags of the family with a number that the deck lacks.
+    /// Tags of the family whose number the deck does not have.
     pub other_tags: u64,
     pub faint: u64,
-    /// Detections that are too small, mirrored or not convex.
+    /// Number of detections that are too small, mirrored or not convex.
     pub misshapen: u64,
-    /// Detections whose corners fit no pose.
+    /// Number of detections whose corners fit no pose.
     pub misfit: u64,
     pub wrong_size: u64,
-    /// Images with a pose that equal their predecessor pixel by pixel: the source repeats an older image.
+    /// Number of images with a pose that equal their predecessor in every pixel, because the source repeats an old
+    /// image.
     pub repeated: u64,
 }
 
@@ -109,11 +111,10 @@ impl TagDetector {
             counts: TagCounts::default(),
         }
     }
-    /// Minimum decision margin of a detection, grey levels.
     pub fn min_margin(&self) -> f64 {
         self.settings.min_margin
     }
-    /// Tags of the deck. Of overlapping detections with one number the one with the most contrast is kept.
+    /// Tags of the deck. If detections with the same number overlap, the one with the highest contrast is kept.
     pub fn find(&mut self, image: &GreyImage) -> Vec<TagDetection> {
         self.counts.images += 1;
         self.search(image).unwrap_or_default()
@@ -149,7 +150,7 @@ impl TagDetector {
             } else if !well_shaped(&corners, self.settings.min_side_px) {
                 self.counts.misshapen += 1;
             } else {
-                // Another boat's tag with this number lies elsewhere in the image.
+                // Another boat's tag with this number is elsewhere in the image.
                 let same = |b: &&mut TagDetection| b.tag.id == tag.id && b.overlaps(&corners);
                 let room = best.len() < MAX_DETECTIONS;
                 match best.iter_mut().find(same) {
@@ -164,14 +165,14 @@ impl TagDetector {
     }
 }
 
-/// Converts the library's corners (counter-clockwise from the tag's lower left as read; origin at the image's
-/// corner) to clockwise ones with the origin in the middle of the first pixel.
+/// Converts the library's corners (counter-clockwise from the lower left of an upright tag; origin at the image corner)
+/// to clockwise ones with the origin at the centre of the first pixel.
 fn in_order(p: [[f64; 2]; 4]) -> [Vector2<f64>; 4] {
     let [left_low, right_low, right_high, left_high] = p.map(|[x, y]| Vector2::new(x - 0.5, y - 0.5));
     [left_low, left_high, right_high, right_low]
 }
 
-/// Whether the corners are convex, not mirrored, and no side is shorter than `min_side`.
+/// Whether the corners are convex and not mirrored, and every side is at least `min_side`.
 fn well_shaped(p: &[Vector2<f64>; 4], min_side: f64) -> bool {
     (0..4).all(|k| {
         let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
@@ -192,7 +193,7 @@ mod tests {
         }])
     }
 
-    /// Image of a tag viewed from straight above, its upper left corner at `at`, with cells of `cell` px.
+    /// Image of a tag viewed from straight above, with its upper left corner at `at` and cells of `cell` px.
     fn front(size: [usize; 2], at: [usize; 2], cell: usize, id: u16) -> GreyImage {
         let mut pixels = vec![200_u8; size[0] * size[1]];
         let cells = cells(id).unwrap();

@@ -1,5 +1,5 @@
-//! Tags in an image without a tag of the deck: other numbers, mirrored ones, other families. They show an
-//! operator why the deck is not detected; a flight does not search for them.
+//! Tags in an image that shows none of the deck's tags: other numbers, mirrored tags, other families. They show an
+//! operator why the deck is not detected; no search for them takes place in flight.
 
 use alight_shared::tags::{ForeignTag, Tags};
 use apriltag::{Detector, DetectorBuilder, Family, Image};
@@ -14,12 +14,13 @@ pub struct ForeignTags {
     own: Option<Detector>,
     family_25h9: Option<Detector>,
     family_41h12: Option<Detector>,
-    /// Detector of the family 16h5 with three wrong bits of 16, which most patterns satisfy: it finds black squares.
+    /// Detector of family 16h5 that tolerates three wrong bits of 16. Most patterns satisfy it, so it finds any black
+    /// square.
     squares: Option<Detector>,
 }
 
 impl ForeignTags {
-    /// A tag with a wrong bit is ignored.
+    /// Detector in which a tag with a wrong bit is ignored.
     pub fn new(settings: &TagSettings, tags: &Tags) -> ForeignTags {
         let detector = |family: Family, bits: usize| {
             let mut detector = DetectorBuilder::new()
@@ -39,7 +40,7 @@ impl ForeignTags {
             squares: detector(Family::tag_16h5(), 3),
         }
     }
-    /// None if a tag of the deck is in the image, or nothing else that explains its absence.
+    /// Foreign tag in the image; None if the deck's tag is visible or nothing explains its absence.
     pub fn find(&mut self, image: &GreyImage) -> Option<ForeignTag> {
         let (width, height) = (image.width(), image.height());
         let plain = buffer(width, height, image.pixels())?;
@@ -59,7 +60,7 @@ impl ForeignTags {
         let mirror: Vec<u8> = rows.flat_map(|row| row.iter().rev().copied()).collect();
         let mirror = GreyImage::new(width, height, mirror).ok()?;
         let mirrored = buffer(width, height, mirror.pixels())?;
-        // A pattern that the family lacks may be its mirror image.
+        // A pattern that is not in the family may be a mirror image.
         let squares = self.squares.as_mut()?;
         let mut is_marked = |image: &GreyImage, of: &Image| {
             let squares = squares.detect(of);
@@ -95,7 +96,6 @@ fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
     Some(image)
 }
 
-/// Numbers of the tags in an image with sufficient contrast.
 fn detected(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
     let found = detector.detect(image);
     let clear = found
@@ -104,18 +104,18 @@ fn detected(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usiz
     clear.map(|f| f.id()).collect()
 }
 
-/// Minimum side of a square whose pattern can be judged, px: four per cell of a tag.
+/// Minimum side of a square whose pattern can be assessed, px: four per cell of a tag.
 const MIN_SIDE_PX: f64 = 32.0;
 /// Samples along each side of a square and of its pattern.
 const SAMPLES: usize = 16;
-/// Fraction of a square's edge that is black, and of the margin around it that is white.
+/// Minimum black fraction of a square's edge, and minimum white fraction of the margin around it.
 const CLEAR: f64 = 0.9;
-/// Minimum fraction of the pattern that is white, and that is black: a tag has a quarter of its cells or more.
+/// Minimum fractions of white and of black in the pattern: tags have at least a quarter of their cells of each.
 const MIN_FRACTION: f64 = 0.15;
-/// Minimum fraction of the pattern that is nearer to black or white than to their mean; of evenly spread levels half is.
+/// Minimum fraction of the pattern nearer to black or white than to their mean; evenly spread levels give half.
 const BIMODAL: f64 = 0.75;
 
-/// Whether a black square with a white margin holds a pattern of black and white, as printed markers do.
+/// Whether a black square with a white margin contains a black-and-white pattern, as printed markers do.
 fn is_marker(image: &GreyImage, corners: &[[f64; 2]; 4], min_margin: f64) -> bool {
     let [a, b, c, d] = corners.map(|[x, y]| Vector2::new(x - 0.5, y - 0.5));
     let sides = [b - a, c - b, d - c, a - d];
@@ -126,7 +126,7 @@ fn is_marker(image: &GreyImage, corners: &[[f64; 2]; 4], min_margin: f64) -> boo
         let at = (a * (1.0 - s) + b * s) * (1.0 - t) + (d * (1.0 - s) + c * s) * t;
         image.level_near(at).map(f64::from)
     };
-    // Half a cell of a tag inside the edge and outside it.
+    // Half a tag cell inside the edge, and half a cell outside.
     let ring = |depth: f64| -> Vec<f64> {
         let along = (0..SAMPLES).map(|k| (k as f64 + 0.5) / SAMPLES as f64);
         let (near, far) = (depth, 1.0 - depth);
@@ -162,12 +162,12 @@ fn median(levels: &[f64]) -> Option<f64> {
     sorted.get(sorted.len() / 2).copied()
 }
 
-/// Every `ROW_STRIDE`-th pixel is compared: a prime, so that no column is preferred.
+/// Stride of the pixel comparison: a prime, so that no column is preferred.
 const ROW_STRIDE: usize = 61;
 
-/// Length of the rows, bytes, if it is another one than the image's width, and the image with such rows. The rows of a
-/// scene resemble their neighbours: the difference of bytes a row apart is smallest. Rows of two widths or more
-/// are reduced to one byte per pixel.
+/// Row length, bytes, if it differs from the image's width, and the image with rows of that length. Rows of a scene
+/// resemble their neighbours, so the difference between bytes one row apart is smallest at the true row length. Rows of
+/// two widths or more are reduced to one byte per pixel.
 fn with_other_rows(image: &GreyImage) -> Option<(u16, Image)> {
     let (pixels, width) = (image.pixels(), image.width());
     let differ = |lag: usize| {
@@ -203,7 +203,7 @@ mod tests {
         }]);
         ForeignTags::new(&TagSettings::default(), &tags)
     }
-    /// White image with cells of 10 px from row and column 20, black where `black` is true.
+    /// White image with cells of 10 px starting at row and column 20, black where `black` is true.
     fn drawn(size: [usize; 2], black: impl Fn(usize, usize) -> bool) -> GreyImage {
         let pixels = (0..size[0] * size[1]).map(|k| {
             let (row, column) = (k / size[0], k % size[0]);
@@ -245,7 +245,7 @@ mod tests {
         let negative = right.pixels().iter().map(|level| 220 - level).collect();
         let negative = GreyImage::new(120, 120, negative).unwrap();
         assert_eq!(find(&negative), Some(ForeignTag::Inverted(7)));
-        // Six by six cells of a 4x4 marker over the same square.
+        // Six by six cells of a 4x4 marker, printed in the same square.
         let marker = drawn([120, 120], |row, column| {
             let (row, column) = (6 * row / 8, 6 * column / 8);
             row % 5 == 0 || column % 5 == 0 || (row * 5 + column * 3) % 4 < 2
@@ -262,7 +262,7 @@ mod tests {
             let other = Some(ForeignTag::RowLength(160)).filter(|_| width != 160);
             assert_eq!(finder().find(&image), other, "{width}");
         }
-        // Two bytes per pixel: grey and colour in turn.
+        // Two bytes per pixel, alternating grey and colour.
         let pixels: Vec<u8> = wide.pixels().iter().flat_map(|level| [*level, 128]).collect();
         let image = GreyImage::new(160, 240, pixels).unwrap();
         assert_eq!(finder().find(&image), Some(ForeignTag::RowLength(320)));
@@ -279,7 +279,7 @@ mod tests {
             let mut draw = 1_u32;
             let pixels = (0..320 * 240).map(|k| {
                 let (x, y) = (k % 320, k / 320);
-                // Windows, hatches and lines: boxes in boxes of any level.
+                // Windows, hatches and lines, as nested boxes of any level.
                 let within = |b: &&(usize, usize, usize, usize, u8)| {
                     (b.0..b.0 + b.2).contains(&x) && (b.1..b.1 + b.3).contains(&y)
                 };

@@ -25,7 +25,7 @@ pub enum ImageError {
         height: usize,
         pixels: usize,
     },
-    #[error("not a grey image as PGM (P5, 8 bit): {0}")]
+    #[error("not an 8-bit grey PGM image (P5): {0}")]
     Pgm(&'static str),
 }
 
@@ -45,11 +45,10 @@ pub struct GreyImage {
     width: usize,
     height: usize,
     pixels: Vec<u8>,
-    /// Whether a recording holds the pixels instead of their hash.
     is_kept: bool,
 }
 
-/// Checks a lens's image: its size (width and height, px), its scale and its principal point.
+/// Checks the image of a lens: size (width and height, px), scale and principal point.
 pub(super) fn check_image(
     at: &Keys<'_>,
     [width_px, height_px]: [u32; 2],
@@ -60,7 +59,7 @@ pub(super) fn check_image(
         GreyImage::accepts(width_px as usize, height_px as usize),
         "width_px, height_px",
         format!("{width_px} x {height_px}"),
-        "32 to 8192 each, 12.6 million pixels at most",
+        "32 to 8192 each, at most 12.6 million pixels",
     )?;
     at.ranges("focal_px", focal_px, 10.0, 1e5)?;
     let sides = [width_px, height_px].map(f64::from);
@@ -111,11 +110,11 @@ impl GreyImage {
             is_kept: false,
         })
     }
-    /// Makes recordings hold the pixels instead of their hash.
+    /// Makes recordings contain the pixels instead of their hash.
     pub fn keep(&mut self) {
         self.is_kept = true;
     }
-    /// A binary PGM: `P5`, width, height and 255, comments from `#` to the line's end, one blank, rows.
+    /// Reads a binary PGM: `P5`, width, height and 255, comments from `#` to the end of a line, one blank, rows.
     pub fn from_pgm(bytes: &[u8]) -> Result<GreyImage, ImageError> {
         let rest = bytes.strip_prefix(b"P5").ok_or(ImageError::Pgm("no P5"))?;
         let (width, rest) = number(rest)?;
@@ -125,7 +124,7 @@ impl GreyImage {
             return Err(ImageError::Pgm("its maximum value is not 255"));
         }
         let rows = rest.get(1..).ok_or(ImageError::Pgm("no pixels"))?;
-        // Bytes beyond the first image belong to another image.
+        // Bytes after the first image belong to another image.
         let length = width.saturating_mul(height);
         let rows = rows.get(..length).unwrap_or(rows);
         if !GreyImage::accepts(width, height) {
@@ -147,20 +146,19 @@ impl GreyImage {
     pub(super) fn has_size(&self, width_px: u32, height_px: u32) -> bool {
         [self.width, self.height] == [width_px as usize, height_px as usize]
     }
-    /// Grey level of the pixel at this point, px; None outside the image.
+    /// Grey level of the pixel at this point (px); None outside the image.
     pub(super) fn level_near(&self, at: Vector2<f64>) -> Option<u8> {
         let (column, row) = (at.x.round(), at.y.round());
         let inside = (0.0..self.width as f64).contains(&column) && (0.0..self.height as f64).contains(&row);
         let index = || row as usize * self.width + column as usize;
         inside.then(index).and_then(|k| self.pixels.get(k).copied())
     }
-    /// Row by row from the top.
     pub fn pixels(&self) -> &[u8] {
         &self.pixels
     }
 }
 
-/// Next decimal number of a PGM header, and the remaining bytes.
+/// Next decimal number in a PGM header, and the remaining bytes.
 fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
     let mut rest = bytes;
     loop {
@@ -185,7 +183,7 @@ fn number(bytes: &[u8]) -> Result<(usize, &[u8]), ImageError> {
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CameraFrame {
-    /// Middle of the exposure.
+    /// Time of the middle of the exposure.
     pub at: Time<DroneClock>,
     pub image: GreyImage,
 }

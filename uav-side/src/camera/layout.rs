@@ -1,4 +1,4 @@
-//! Layout of a deck's tags, and places from which the camera sees each of them completely.
+//! Layout of a deck's tags, and the positions from which the camera sees a complete tag.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -9,12 +9,13 @@ use super::CameraSettings;
 use super::motion_blur::width_px;
 use super::square_pose::corners_of;
 
-/// Codes of the family 36h11 by number, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6
-/// cells, rows from the top, most significant bit first, 1 white.
+/// Codes of family 36h11 by number, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6 cells,
+/// rows from the top, most significant bit first, 1 white.
 const CODES: &str = include_str!("tag36h11.txt");
 pub const CELLS: usize = 10;
 
-/// Whether each cell of a tag is white, rows from its upper edge, with the white margin; None beyond the family.
+/// Whether each cell of a tag is white, by rows from its upper edge, including the white margin; None if the family has
+/// no such tag.
 pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
     let code = CODES.split_whitespace().nth(usize::from(id))?;
     let code = u64::from_str_radix(code, 16).ok()?;
@@ -31,20 +32,19 @@ pub fn cells(id: u16) -> Option<[[bool; CELLS]; CELLS]> {
 
 /// Height of the feet above the deck up to which a tag must be visible, m.
 const MAX_HEIGHT_M: f64 = 10.0;
-/// Maximum offset from the deck's centre, m, and tilt relative to the deck, rad, at which a tag is needed.
-/// Source: 99 of 100 landings with the poorest sensors are within 0.2 m (docs/envelope.md); decks rock by 8
-/// deg.
+/// Maximum offset from the deck's centre, m, and tilt relative to the deck, rad, at which a tag must be visible.
+/// Source: with the poorest sensors 99 of 100 landings are within 0.2 m (docs/envelope.md); decks rock by 8 deg.
 const OFFSET_M: f64 = 0.2;
 const TILT_RAD: f64 = 8.0 * core::f64::consts::PI / 180.0;
-/// Width of a tag of which nine of ten images are decoded, px.
-/// Source: rendered images (`alight study camera` at commit 2bb52893), half of them decoded at 13.3 px, with
-/// a logistic spread of 0.093 of the width's logarithm.
+/// Width of a tag that is decoded in nine of ten images, px.
+/// Source: rendered images (`alight study camera` at commit 2bb52893): half are decoded at 13.3 px, with a logistic
+/// spread of 0.093 of the width's logarithm.
 const DECODED_PX: f64 = 16.3;
-/// Number of tested directions of offset, tilt and heading.
+/// Number of directions tested for offset, tilt and heading.
 const DIRECTIONS: u32 = 8;
 
-/// Whether the camera sees a tag completely and large enough with the drone's lowest foot `height_m` above
-/// the deck, at every offset up to [`OFFSET_M`], tilt up to [`TILT_RAD`] and heading.
+/// Whether the camera sees a complete and sufficiently large tag when the drone's lowest foot is `height_m` above the
+/// deck, at every offset up to [`OFFSET_M`], tilt up to [`TILT_RAD`] and heading.
 fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height_m: f64) -> bool {
     let around = |k: u32| core::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS);
     let mount = Rotation3::from_matrix_unchecked(body_from_camera()) * camera.mount().0.to_rotation_matrix();
@@ -90,7 +90,7 @@ fn sees(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry, height
     })
 }
 
-/// Height ranges (from, to, m) of the feet, from contact to 10 m, in which no tag may be completely visible.
+/// Ranges (from, to, m) of the feet's height, between contact and 10 m, in which the camera may see no complete tag.
 pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) -> Vec<[f64; 2]> {
     let mut gaps: Vec<[f64; 2]> = Vec::new();
     let (mut height, mut open) = (0.0, false);
@@ -102,17 +102,16 @@ pub fn gaps(tags: &[DeckTag], camera: &CameraSettings, drone: &DroneGeometry) ->
             _ => {}
         }
         open = !visible;
-        // The visible area increases with the height.
         height += 0.02 + 0.05 * height;
     }
     gaps
 }
 
-/// Fractions of a tag's range and of the view's width in a search, for errors of the deck and oblique views.
+/// Fractions of a tag's range and of the view's width used in a search, allowing for deck errors and oblique views.
 const SEARCH_RANGE: f64 = 0.8;
 
-/// Height over the deck from which a search detects the largest tag, and radius of the area in which it does,
-/// m, at any heading and tilts up to [`TILT_RAD`].
+/// Height above the deck from which a search detects the largest tag, and radius of the area in which it does so, m, at
+/// any heading and any tilt up to [`TILT_RAD`].
 pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     let lens = &camera.lens;
     let side_m = tags.iter().fold(0.0, |max: f64, tag| tag.side_m.max(max));
@@ -123,7 +122,7 @@ pub fn search_view(tags: &[DeckTag], camera: &CameraSettings) -> [f64; 2] {
     [height_m, (height_m * visible - side_m).max(0.5)]
 }
 
-/// Faults of a deck's tags, as texts: repeated or unknown ids, tags beyond the edges or overlapping.
+/// Faults of a deck's tags as texts: repeated or unknown ids, and tags that overlap or extend beyond the edges.
 pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
     let mut faults = Vec::new();
     let half = |tag: &DeckTag| 0.5 * MARGIN * tag.side_m;
@@ -132,7 +131,7 @@ pub fn faults(tags: &[DeckTag], deck: &DeckGeometry) -> Vec<String> {
         let over = (0..2)
             .map(|i| tag.centre_m[i].abs() + half(tag) - edges[i])
             .fold(f64::MIN, f64::max);
-        // Tolerance of a tape, 1 mm.
+        // Tolerance of a measuring tape, 1 mm.
         if over > 1e-3 {
             faults.push(format!(
                 "tag {} with its margin reaches {over:.3} m beyond the deck's edge",

@@ -1,7 +1,6 @@
-//! Pinhole with radial and tangential distortion (Brown 1966; k1 k2 p1 p2 k3 of OpenCV, `plumb_bob` of ROS).
+//! Pinhole camera with radial and tangential distortion (Brown 1966; k1 k2 p1 p2 k3 of OpenCV, `plumb_bob` of ROS).
 //!
-//! Camera axes: x right and y down in the image, z along the optical axis. The first pixel's middle is (0,
-//! 0).
+//! Camera axes: x right and y down in the image, z along the optical axis. The centre of the first pixel is (0, 0).
 
 use alight_shared::config;
 use nalgebra::{Matrix2, Vector2, Vector3};
@@ -11,7 +10,8 @@ use super::image::check_image;
 const MAX_STEPS: usize = 20;
 /// Step below which Newton's method has converged, at unit distance.
 const CONVERGED: f64 = 1e-9;
-/// Largest difference between the directions of a point and of its pixel without a fold, at unit distance.
+/// Maximum difference between the directions of a point and of its pixel if the polynomial does not fold, at unit
+/// distance.
 const FOLDED: f64 = 1e-3;
 /// Maximum distance from the axis in the search, at unit distance: 81 deg.
 const MAX_RADIUS: f64 = 6.5;
@@ -90,7 +90,7 @@ impl Lens {
             moved.component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px)
         })
     }
-    /// Projects a point within the field of view, outside which the distortion polynomial folds back.
+    /// Projects a point only within the field of view; outside it the distortion polynomial folds back.
     pub fn project_inside(&self, p: &Vector3<f64>) -> Option<Vector2<f64>> {
         let px = self.project(p)?;
         let back = self.normalised(px)?;
@@ -106,7 +106,7 @@ impl Lens {
                 return None;
             }
             let step = derivative.try_inverse()? * (goal - moved);
-            // A long step could cross the fold.
+            // A long step might cross the fold.
             n += step * (0.5 / step.norm()).min(1.0);
             if !(n.norm() < MAX_RADIUS) {
                 return None;
@@ -117,7 +117,7 @@ impl Lens {
         }
         None
     }
-    /// Size of a pixel at unit distance: root mean square over directions.
+    /// Size of a pixel at unit distance, RMS over all directions.
     pub fn pixel_size(&self, n: Vector2<f64>) -> Option<f64> {
         let (_, derivative) = self.distorted(n);
         let to_px = Matrix2::from_diagonal(&Vector2::from(self.focal_px)) * derivative;

@@ -7,24 +7,24 @@ use alight_shared::msg::MIN_GLARE;
 
 /// Number of samples along each side of the tag's square: four per cell.
 const SAMPLES: usize = 32;
-/// Fraction of the samples below the black level and above the white level. At least 28 of 64 cells are
-/// black, and a code of 36h11 leaves a quarter of the square white or more.
+/// Fraction of the samples below the black level, and above the white level. At least 28 of 64 cells are black, and
+/// every 36h11 code leaves at least a quarter of the square white.
 const QUANTILE: f64 = 0.1;
 /// Stride of averaging, px: a prime, so that no column is preferred.
 const STRIDE: usize = 17;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TagLight {
-    /// Grey level below which a tenth of the square lies.
+    /// Grey level exceeded by nine tenths of the square.
     pub black: u8,
-    /// Grey level above which a tenth of the square lies.
+    /// Grey level exceeded by a tenth of the square.
     pub white: u8,
     /// Fraction of the square at grey level 0 or 255.
     pub saturation: f64,
 }
 
 impl TagLight {
-    /// Light on the square with these corners, px; None outside the image.
+    /// Light on the square with these corners (px); None outside the image.
     pub fn of(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> Option<TagLight> {
         let [a, b, c, d] = corners;
         let along = |k: usize| (k as f64 + 0.5) / SAMPLES as f64;
@@ -43,26 +43,26 @@ impl TagLight {
             saturation: clipped as f64 / levels.len() as f64,
         })
     }
-    /// White minus black, over 255.
+    /// White minus black, divided by 255.
     pub fn contrast(&self) -> f64 {
         f64::from(self.white.saturating_sub(self.black)) / 255.0
     }
 }
 
-/// Side of the squares among which the brightest is searched, px: they fit in the smallest decodable tag.
+/// Side of the squares among which the brightest is searched, px: they fit into the smallest decodable tag.
 const TILE_PX: usize = 6;
 
 const MAX_TILE_SUM: u32 = (TILE_PX * TILE_PX) as u32 * u8::MAX as u32;
 
-/// Factor by which the detector's sharpening raises a decision margin (its `decode_sharpening` is 0.25).
+/// Factor by which the detector's sharpening increases a decision margin (its `decode_sharpening` is 0.25).
 const SHARPENING: f64 = 1.25;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageLight {
     pub mean: f64,
-    /// Mean grey level of the brightest square of [`TILE_PX`].
+    /// Mean grey level of the brightest square of side [`TILE_PX`].
     pub brightest: f64,
-    /// Fraction of these squares with all pixels at 255, 0 to 1.
+    /// Fraction of these squares in which all pixels are 255, 0 to 1.
     pub saturated: f64,
 }
 
@@ -88,13 +88,13 @@ impl ImageLight {
             saturated: saturated as f64 / tiles.max(1) as f64,
         }
     }
-    /// Saturated fraction of the image, 0 to 1; None if glints may cause it.
+    /// Saturated fraction of the image, 0 to 1; None if it may be due to glints.
     pub fn glare(&self) -> Option<f64> {
         Some(self.saturated).filter(|part| *part > MIN_GLARE)
     }
-    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The
-    /// margin is half of the difference between white and black, sharpened by a quarter. A tag with its white
-    /// margin is at least half white, so that some of its squares are as bright as four fifths of the margin.
+    /// Whether no tag in the image can be decoded with a decision margin of `min_margin`, grey levels. The margin is
+    /// half of the difference between white and black, raised by a quarter by sharpening. At least half of a tag with
+    /// its white margin is white, so some of its squares are as bright as four fifths of the margin.
     pub fn is_dark(&self, min_margin: f64) -> bool {
         self.brightest < min_margin / SHARPENING
     }
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn brightest_square_of_an_image() {
-        // A half-white tag of 12 px anywhere in a dark image: a decision margin of 20 needs a white level of 32.
+        // Half-white tag of 12 px anywhere in a dark image: a decision margin of 20 requires a white level of 32.
         let at = |white: u8, place: usize| {
             let pixels = (0..120 * 90).map(|k| {
                 let (x, y) = (

@@ -1,20 +1,20 @@
-//! The camera's image for display: reduced, with the detected tags and the deck's outline.
+//! Camera image for display: reduced, with the detected tags and the outline of the deck.
 
 use alight_shared::geometry::DeckGeometry;
 use nalgebra::{Vector2, Vector3};
 
 use super::image::GreyImage;
 
-/// Maximum side of a marked image, px: the width of a phone's screen.
+/// Maximum side of a marked image, px: the width of a phone screen.
 const MAX_SIDE_PX: usize = 320;
 /// Maximum size of the pixel data, bytes.
 pub const MAX_BYTES: usize = 3 * MAX_SIDE_PX * MAX_SIDE_PX;
-/// Number of straight parts that approximate an edge in a distorted image.
+/// Number of straight segments that approximate an edge in a distorted image.
 const EDGE_PARTS: usize = 8;
-/// Distance outside the image up to which a line is drawn, in image sides.
+/// Distance outside the image up to which lines are drawn, in image sides.
 const MAX_OUTSIDE: f64 = 4.0;
 const LINE_PX: usize = 2;
-/// Red, green and blue of tags and outline; both differ from grey in every kind of colour vision.
+/// Red, green and blue of tags and outline; both are distinguishable from grey with any colour vision deficiency.
 const TAG: [u8; 3] = [0, 230, 90];
 const OUTLINE: [u8; 3] = [255, 150, 0];
 
@@ -23,14 +23,14 @@ pub struct MarkedImage {
     pub size: [usize; 2],
     pub rgb: Vec<u8>,
     pub tags: u32,
-    /// Number of drawn outlines of the deck, 0 or 1.
+    /// Number of deck outlines drawn, 0 or 1.
     pub outlines: u32,
-    /// Reduction factor of the original.
+    /// Reduction factor relative to the original.
     step: usize,
 }
 
 impl MarkedImage {
-    /// Reduced image without marks, by averaging.
+    /// Image reduced by averaging, without marks.
     pub fn of(image: &GreyImage) -> MarkedImage {
         let step = image.width().max(image.height()).div_ceil(MAX_SIDE_PX).max(1);
         let size = [image.width() / step, image.height() / step];
@@ -55,7 +55,7 @@ impl MarkedImage {
             step,
         }
     }
-    /// Draws a tag's edges, given its corners in the original image, px.
+    /// Draws a tag's edges from its corners in the original image, px.
     pub fn draw_tag(&mut self, corners: &[Vector2<f64>; 4]) {
         let [a, b, c, d] = *corners;
         for (from, to) in [(a, b), (b, c), (c, d), (d, a)] {
@@ -83,7 +83,7 @@ impl MarkedImage {
         self.outlines = 1;
     }
     fn draw_line(&mut self, from: Vector2<f64>, to: Vector2<f64>, colour: [u8; 3]) {
-        // The middle of pixel (0, 0) is the origin in both images.
+        // In both images the origin is the centre of pixel (0, 0).
         let scaled = |p: Vector2<f64>| (p.add_scalar(0.5) / self.step as f64).add_scalar(-0.5);
         let (from, to) = (scaled(from), scaled(to));
         let reach = MAX_OUTSIDE * MAX_SIDE_PX as f64;

@@ -1,42 +1,42 @@
-//! Control of exposure and gain by the tag's white: steps in stops (factors of two) towards a white of 180 grey levels.
+//! Control of exposure and gain by the tag's white: adjusts in stops (factors of two) towards a white of 180 grey
+//! levels.
 //!
-//! A sensor's signal is proportional to the exposure, so the exposure alone is adjusted up to the longest
-//! that motion blur permits. The gain, whose scale depends on the device (linear, dB), changes by fractions
-//! of its range: up when the longest exposure is too dark, down when the exposure is short, because gain adds
-//! noise.
+//! A sensor's signal is proportional to the exposure, so only the exposure is adjusted, up to the maximum that motion
+//! blur permits. The gain, whose scale depends on the device (linear, dB), changes by fractions of its range: up if the
+//! maximum exposure is too dark, down if the exposure is short, because gain adds noise.
 //!
-//! Without a detected tag the image's mean is metered. A dark image with clipped parts shows either
-//! overexposed lit tags at night, or a lamp or glint next to a dark deck. Metering alternates between the
-//! two; each turn starts from the setting with which its last one ended.
+//! Without a detected tag the image's mean is metered. A dark image with clipped parts shows either overexposed lit
+//! tags at night, or a lamp or glint next to a dark deck. Metering alternates between these two cases; each turn starts
+//! from the setting with which the same case last ended.
 
 use serde::{Deserialize, Serialize};
 
 use super::light::{ImageLight, TagLight};
 
-/// Goal of the tag's white, grey levels: black is then 10 to 20, and a third more light clips nothing.
+/// Target of the tag's white, grey levels: black is then 10 to 20, and a third more light does not clip.
 const WHITE: f64 = 180.0;
-/// Tolerated deviation from the goal, stops: 150 to 216 grey levels.
+/// Tolerated deviation from the target, stops: 150 to 216 grey levels.
 const WHITE_BAND: f64 = 0.26;
 /// White level above which the light is unknown and assumed to be too bright by a factor of two, grey levels.
 const CLIPPED: f64 = 250.0;
-/// Goal of the mean of an image without a tag, grey levels. A deck that fills the image then has its white at
-/// 60 or above; over dark water the tag's black stays below 120.
+/// Target of the mean of an image without a tag, grey levels. If a deck fills the image, its white is then at least 60;
+/// over dark water the tag's black stays below 120.
 const MEAN: f64 = 60.0;
-/// Tolerated deviation from that goal, stops.
+/// Tolerated deviation from that target, stops.
 const MEAN_BAND: f64 = 0.5;
-/// Number of images without the tag after which the image's mean is metered: single detections can fail.
+/// Number of images without the tag after which the image's mean is metered, because single detections can fail.
 const UNDETECTED: u32 = 5;
-/// Length of a turn, images, when mean and brightest part call for opposite changes: enough for ten of them.
+/// Length of a turn, images, when mean and brightest part call for opposite changes: enough for ten changes.
 const TURN: u32 = 60;
 /// Maximum number of images until a change takes effect.
 const SETTLING: u64 = 3;
 const MAX_STEP: f64 = 2.0;
-/// Change of the gain per missing stop (at most one), as a fraction of its range. A linear gain up to 100
-/// overshoots by less than [`SHORT`]; a gain of 48 dB changes by half a stop.
+/// Change of the gain per missing stop (at most one), as a fraction of its range. A linear gain up to 100 overshoots by
+/// less than [`SHORT`]; a gain of 48 dB changes by half a stop.
 const GAIN_STEP: f64 = 1.0 / 16.0;
-/// Decrease of the gain with a short exposure, as a fraction of its range: 0.75 dB of 48 dB.
+/// Decrease of the gain when the exposure is short, as a fraction of its range: 0.75 dB of 48 dB.
 const GAIN_FALL: f64 = 1.0 / 64.0;
-/// Fraction of the longest exposure below which it is short.
+/// Fraction of the maximum exposure below which the exposure counts as short.
 const SHORT: f64 = 0.25;
 
 /// Values that a device accepts: `low + k step`, up to `most`.
@@ -44,7 +44,7 @@ const SHORT: f64 = 0.25;
 pub struct SettingRange {
     pub low: f64,
     pub most: f64,
-    /// Difference between neighbours, above 0.
+    /// Difference between neighbouring values, above 0.
     pub step: f64,
 }
 
@@ -57,7 +57,6 @@ impl SettingRange {
     }
 }
 
-/// Exposure and gain of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting {
     pub exposure_s: f64,
@@ -71,11 +70,10 @@ pub enum Light {
     Image(ImageLight),
 }
 
-/// Exposure of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Exposed {
     pub setting: Setting,
-    /// Whether exposure and gain are at their maximum.
+    /// Whether exposure and gain are both at their maximum.
     pub at_limit: bool,
 }
 
@@ -84,19 +82,20 @@ pub struct Metering {
     exposure_s: SettingRange,
     gain: SettingRange,
     setting: Setting,
-    /// Number of the newest image at the last change of the setting.
+    /// Number of the newest image when the setting last changed.
     set_at: u64,
     undetected: u32,
     /// Whether the image was too dark and partly clipped when its mean was last metered.
     contradicted: bool,
     /// Whether the brightest part of the image is metered instead of its mean.
     by_brightest: bool,
-    /// Setting of the other turn: the last one in which the tag, or the brightest part, was metered.
+    /// Last setting of the other turn, in which the tag or the brightest part was metered.
     other: Setting,
 }
 
 impl Metering {
-    /// Starts at the values nearest to `setting`. `exposure_s` ends at the longest permitted exposure.
+    /// Starts at the accepted values nearest to `setting`. The range `exposure_s` must end at the maximum permitted
+    /// exposure.
     pub fn new(exposure_s: SettingRange, gain: SettingRange, setting: Setting) -> Metering {
         let setting = Setting {
             exposure_s: exposure_s.nearest(setting.exposure_s),
@@ -120,8 +119,8 @@ impl Metering {
         let most = |range: &SettingRange| range.nearest(range.most);
         self.setting.exposure_s >= most(&self.exposure_s) && self.setting.gain >= most(&self.gain)
     }
-    /// Next setting, if it changes, for the light of image number `image`; the device's newest image is
-    /// number `newest`. Images that may have been taken with the former setting are not metered.
+    /// Next setting, if it changes, for the light of image number `image`, when the device's newest image is number
+    /// `newest`. Images that may have been taken with the previous setting are not metered.
     pub fn step(&mut self, image: u64, newest: u64, light: &Light) -> Option<Setting> {
         let next = if self.takes_turn(light) {
             core::mem::replace(&mut self.other, self.setting)
@@ -154,7 +153,7 @@ impl Metering {
             }
         }
     }
-    /// Missing stops of light, negative in too bright light, zero within the tolerance. None: no metering.
+    /// Missing light in stops: negative if too bright, zero within the tolerance, None if there is nothing to meter.
     fn missing_stops(&mut self, light: &Light) -> Option<f64> {
         let (level, goal, band) = match light {
             Light::Tag(tag) => (f64::from(tag.white), WHITE, WHITE_BAND),
@@ -181,7 +180,7 @@ impl Metering {
         let (now, exposure) = (self.setting, self.exposure_s);
         let [min_s, max_s] = [exposure.low, exposure.most].map(|e| exposure.nearest(e));
         let wanted_s = now.exposure_s * stops.exp2();
-        // Rounding with a dead band avoids an oscillation by half a step.
+        // Rounding with a dead band prevents an oscillation of half a step.
         let steps = (wanted_s - now.exposure_s) / exposure.step;
         let moved_s = exposure.step * (steps.abs() + 0.4).floor().copysign(steps);
         let exposure_s = exposure.nearest(now.exposure_s + moved_s);
@@ -220,13 +219,13 @@ mod tests {
         TenthDecibel,
     }
 
-    /// Linear 8-bit sensor whose settings take effect after `latency` images, metered `queue` images late.
+    /// Linear 8-bit sensor whose settings take effect after `latency` images and which is metered `queue` images late.
     struct Sensor {
         metering: Metering,
         scale: Scale,
         latency: u64,
         queue: u64,
-        /// Settings, each with the first image that may have it.
+        /// Settings, each with the first image that may use it.
         pending: VecDeque<(u64, Setting)>,
         shown: Setting,
         images: VecDeque<(u64, Light)>,
@@ -267,7 +266,7 @@ mod tests {
                 changes: 0,
             }
         }
-        /// Unclipped white, grey levels; a `light` of 1 gives 255 at 1 s with a gain of 1.
+        /// White level without clipping, grey levels; a `light` of 1 gives 255 at 1 s with a gain of 1.
         fn white(&self, light: f64, setting: Setting) -> f64 {
             let gain = match self.scale {
                 Scale::Linear => setting.gain,
@@ -275,7 +274,7 @@ mod tests {
             };
             255.0 * light * setting.exposure_s * gain
         }
-        /// Takes one image; the water around the tag has a tenth of its light. Returns the tag's white.
+        /// Takes one image; the water around the tag has a tenth of the tag's light. Returns the tag's white.
         fn take(&mut self, light: f64) -> f64 {
             self.image += 1;
             while let Some((from, setting)) = self.pending.front().copied()
@@ -317,7 +316,8 @@ mod tests {
             }
             white
         }
-        /// Last white level after many images with constant light, and number of changes in the last ones.
+        /// Final white level after many images in constant light, and number of setting changes during the last of
+        /// them.
         fn converge(&mut self, light: f64) -> (f64, u64) {
             for _ in 0..CONVERGED {
                 self.take(light);
@@ -342,14 +342,14 @@ mod tests {
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
         ) {
-            // The light ranges from that for the longest exposure with maximum gain to that for 0.2 us.
+            // The light ranges from what the maximum exposure and gain need to what 0.2 us needs.
             let light = 3.0 * 10_f64.powf(decades);
             let start = Setting { exposure_s, gain };
             let mut sensor = Sensor::new(scale, latency, queue, 2e-8, start);
             for _ in 0..CONVERGED {
                 sensor.take(light);
             }
-            // A gain of small values decreases in steps of a half; a tag is usable up to a stop below 225.
+            // A small linear gain changes by a factor of two per step, so the accepted whites span one stop.
             let whites: Vec<f64> = (0..60).map(|_| sensor.take(light)).collect();
             let good = whites.iter().filter(|w| (110.0..225.0).contains(*w)).count();
             let Setting { exposure_s, gain } = sensor.metering.setting();
@@ -381,7 +381,7 @@ mod tests {
                 // Two seconds at 30 Hz.
                 let whites: Vec<f64> = (0..60).map(|_| sensor.take(1000.0 * factor)).collect();
                 assert!((140.0..225.0).contains(&whites[59]), "{factor}: {whites:?}");
-                // The deviation never exceeds the initial one.
+                // The deviation never exceeds its initial value.
                 let off = 1.5 * factor.max(1.0 / factor);
                 let within = 180.0 / off..180.0 * off;
                 assert!(whites.iter().all(|w| within.contains(w)), "{factor}: {whites:?}");
@@ -402,8 +402,8 @@ mod tests {
         Metering::new(range(MAX_EXPOSURE_S), range(8.0), start)
     }
 
-    /// Whether lit tags in the dark are decoded in each image, and the number of images at the limits. The
-    /// tags fill a hundredth of the image; overexposed ones are not decoded.
+    /// Whether lit tags in the dark are decoded in each image, and the number of images with the setting at its limits.
+    /// The tags fill a hundredth of the image; overexposed tags are not decoded.
     fn night(scale: Scale, light: f64, lamp: bool) -> (Vec<bool>, usize) {
         let start = Setting {
             exposure_s: MAX_EXPOSURE_S,
@@ -413,7 +413,7 @@ mod tests {
         let mut at_limit = 0;
         let detected = (1..=8 * u64::from(TURN)).map(|number| {
             let white = sensor.white(light, sensor.metering.setting());
-            // At four times the white level that clips, the lens scatters enough light to brighten the black cells.
+            // At four times the clipping level, the lens scatters enough light to brighten the black cells.
             let decoded = (40.0..1020.0).contains(&white);
             let level = white.min(255.0);
             let detected = if decoded {
@@ -438,7 +438,6 @@ mod tests {
     #[test]
     fn metering_on_lit_tags_in_the_dark() {
         for scale in [Scale::Linear, Scale::TenthDecibel] {
-            // From faint tags to bright ones.
             for light in [30.0, 300.0, 3e3, 1e4, 3e4] {
                 for lamp in [false, true] {
                     let (detected, _) = night(scale, light, lamp);

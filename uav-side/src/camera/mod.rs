@@ -1,9 +1,8 @@
-//! Belly camera: the deck's pose from its tags in images.
+//! Belly camera: deck pose from the tags in its images.
 //!
-//! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags),
-//! [`detector`] (corners), [`motion_blur`], [`square_pose`] (pose and covariance), [`node`]; [`light`] and
-//! [`metering`] (exposure and gain); [`marked`] (display), [`foreign_tags`] (other tags); [`uvdar`], the second
-//! camera.
+//! Read in this order: [`image`], [`lens`] (directions of pixels), [`layout`] (visibility of tags), [`detector`]
+//! (corners), [`motion_blur`], [`square_pose`] (pose and covariance), [`node`]; [`light`] and [`metering`] (exposure
+//! and gain); [`marked`] (display), [`foreign_tags`] (other tags); [`uvdar`] (second camera).
 
 mod decks;
 pub mod detector;
@@ -33,8 +32,8 @@ pub use uvdar::UvdarSettings;
 config! {
     /// Settings of the camera and its detectors.
     pub struct CameraSettings {
-        /// Rotation of the camera's mount relative to the design (optical axis down, upper edge forward):
-        /// roll, pitch and yaw about the camera's x (right in the image), y (down in it) and z, deg.
+        /// Rotation of the camera's mount relative to the design (optical axis down, upper edge forward): roll, pitch
+        /// and yaw about the camera's x (right in the image), y (down in the image) and z, deg.
         pub mount_rotation_deg: [f64; 3] = Default::default(), in -180.0..=180.0;
         /// Lens of the camera, from its calibration.
         pub lens: Lens;
@@ -46,7 +45,7 @@ config! {
 }
 
 impl CameraSettings {
-    /// Rotation to the designed camera from the mounted one.
+    /// Rotation from the mounted to the designed camera.
     pub fn mount(&self) -> Rotation<Camera, Camera> {
         let [roll, pitch, yaw] = self.mount_rotation_deg.map(f64::to_radians);
         Rotation::from_euler(roll, pitch, yaw)

@@ -1,7 +1,7 @@
 //! Motion blur, measured by the width of the tag's edges; a lens out of focus widens them as well.
 //!
-//! The mean profile across a side is a step spread by optics, pixel and motion, whose variances add up.
-//! Motion by `b` px across the edge contributes `b²/12`.
+//! The mean profile across a side is a step smeared by optics, pixel and motion, whose variances add up. Motion by `b`
+//! px across the edge contributes `b²/12`.
 
 use nalgebra::Vector2;
 
@@ -9,16 +9,16 @@ use super::image::GreyImage;
 
 const LINES: usize = 12;
 const STEP_PX: f64 = 0.5;
-/// Minimum and maximum sampled distance from the edge, px.
+/// Minimum and maximum sampling distance from the edge, px.
 const REACH_PX: [f64; 2] = [2.0, 24.0];
-/// Cells of the tag's black square; its edge and the margin around it have one cell each.
+/// Cells of the tag's black square; its border and the margin around it are one cell wide each.
 const CELLS: f64 = 8.0;
 /// Variance of a sharp edge: optics of 0.6 px, the pixel's area and the sampling interval, px².
 const SHARP_PX2: f64 = 0.55;
 /// Minimum step of the mean profile at an edge, grey levels.
 const MIN_EDGE_STEP: f64 = 5.0;
 
-/// Width of a quadrilateral: its area over its longest side, px.
+/// Width of a quadrilateral: its area divided by its longest side, px.
 pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = p;
     let longest = [b - a, c - b, d - c, a - d]
@@ -27,10 +27,9 @@ pub fn width_px(p: &[Vector2<f64>; 4]) -> f64 {
     0.5 * (c - a).perp(&(d - b)).abs() / longest
 }
 
-/// Longest exposure, s, at which half of the images of a tag are decoded. For a focal length `f` (px) and a
-/// turn rate `ω` it is `t = b / (f ω)`. `b` is the largest blur with which a tag of width `w = f side /
-/// height` is decoded, `w = 13.3 px + 0.27 b² / px`, but at least 3 px, the limit of a tag too narrow for the
-/// detector.
+/// Maximum exposure at which half of the images of a tag are decoded, s. For a focal length `f` (px) and a turn rate
+/// `ω` it is `t = b / (f ω)`, where `b` is the largest blur with which a tag of width `w = f side / height` is decoded:
+/// `w = 13.3 px + 0.27 b² / px`, but at least 3 px, the value at the smallest detectable width.
 ///
 /// Source: rendered images (`alight study camera` at commit 2bb52893).
 pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f64) -> f64 {
@@ -39,7 +38,7 @@ pub fn longest_exposure_s(focal_px: f64, side_m: f64, height_m: f64, rate_rps: f
     blur_px / (focal_px * rate_rps)
 }
 
-/// Sum of the squared motions during the exposure across both pairs of sides, px². Zero without an edge.
+/// Sum of the squared motions during the exposure across both pairs of sides, px²; zero without an edge.
 pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     let [a, b, c, d] = *corners;
     let reach = (0.9 * width_px(corners) / CELLS).clamp(REACH_PX[0], REACH_PX[1]);
@@ -56,7 +55,7 @@ pub fn motion_blur_px2(image: &GreyImage, corners: &[Vector2<f64>; 4]) -> f64 {
     across([a, b], [c, d]) + across([b, c], [d, a])
 }
 
-/// Variance of the spread across the side from `p` to `q`, px²; None without an edge.
+/// Variance of the smear across the side from `p` to `q`, px²; None without an edge.
 fn variance(image: &GreyImage, p: Vector2<f64>, q: Vector2<f64>, reach: f64) -> Option<f64> {
     let along = q - p;
     let normal = Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
@@ -120,11 +119,11 @@ mod tests {
         Vector2::new(89.5, 89.5),
     ];
 
-    /// Image of a dark square of 60 px on a light background that moved by `b` px to the right during the exposure.
+    /// Image of a dark square of 60 px on a light background, moved by `b` px to the right during the exposure.
     fn moved(b: f64) -> GreyImage {
         let pixels = (0..120 * 120).map(|k| {
             let (u, v) = (f64::from(k % 120), f64::from(k / 120));
-            // 64 instants with 8 positions within the pixel each.
+            // 64 instants, each with 8 positions within the pixel.
             let centred = |i: u32, count: u32| (f64::from(i) + 0.5) / f64::from(count) - 0.5;
             let dark = (0..64 * 8_u32).filter(|i| {
                 let x = u - centred(i / 8, 64) * b + centred(i % 8, 8);
@@ -145,7 +144,7 @@ mod tests {
 
     #[test]
     fn longest_exposure_by_height() {
-        // With 320 px of focal length a tag of 1 m at 7 m is 45.7 px wide and permits a blur of 11 px.
+        // With a focal length of 320 px, a tag of 1 m at 7 m is 45.7 px wide and permits a blur of 11 px.
         let longest_s = longest_exposure_s(320.0, 1.0, 7.0, 2.0);
         assert!((longest_s - 0.0171).abs() < 1e-4, "{longest_s}");
         // A tag too narrow to be detected permits 3 px of blur.

@@ -26,7 +26,7 @@ pub struct CameraIdentity {
     pub boot: u32,
 }
 
-/// Identity of the camera, and its processed images.
+/// Identity of the camera, and the images that it has processed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Exposures {
     identity: CameraIdentity,
@@ -61,7 +61,7 @@ impl Exposures {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CameraIn {
     pub frames: Vec<CameraFrame>,
-    /// Exposure of the newest image; None when the drone does not control it.
+    /// Exposure of the newest image; None if the drone does not control it.
     pub exposed: Option<Exposed>,
 }
 
@@ -87,14 +87,13 @@ pub struct CameraNode {
     lens: Lens,
     mount: UnitQuaternion<f64>,
     tag: TagSettings,
-    /// Standard deviation of the tags' positions on the deck, m; 0 for a single tag, which defines the deck.
+    /// Standard deviation of the tags' positions on the deck, m; 0 for a single tag, because that tag defines the deck.
     place_sd_m: f64,
     detector: TagDetector,
     exposures: Exposures,
     newest: Newest,
-    /// Newest image that differs from the one before it.
+    /// Newest image that differs from the one before.
     previous: Option<GreyImage>,
-    /// Time and sequence of the light reports.
     reports: Exposures,
 }
 
@@ -123,7 +122,7 @@ impl CameraNode {
             reports: Exposures::of(identity),
         }
     }
-    /// Light on the largest tag in the newest image, otherwise of the whole image.
+    /// Light on the largest tag in the newest image, or of the whole image if there is no tag.
     pub fn light(&self) -> Light {
         self.tag_light()
             .map_or(Light::Image(self.newest.image), Light::Tag)
@@ -137,14 +136,14 @@ impl CameraNode {
             .max_by(|a, b| width(a).total_cmp(&width(b)));
         largest.map(|d| d.light)
     }
-    /// Reduced copy of `frame` with the detected tags and deck; None unless it is the newest processed image.
+    /// Reduced copy of `frame` with the detected tags and the deck; None unless it is the newest processed image.
     pub fn marked(&self, frame: &CameraFrame, deck: &DeckGeometry) -> Option<MarkedImage> {
         if self.exposures.last != Some(frame.at) {
             return None;
         }
         let mut marked = MarkedImage::of(&frame.image);
         if let Some(pose) = &self.newest.pose {
-            // The pose is in the designed camera's axes, and the image in the mounted one's.
+            // The pose is in the axes of the designed camera, the image in those of the mounted one.
             let [w, i, j, k] = pose.attitude;
             let back = self.mount.inverse();
             let attitude = back * UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k));
@@ -160,11 +159,11 @@ impl CameraNode {
     pub fn counts(&self) -> TagCounts {
         self.detector.counts
     }
-    /// Deck pose in an image; of several decks, that with the largest tag.
+    /// Deck pose in an image; if there are several decks, that of the deck with the largest tag.
     pub fn detect(&mut self, image: &GreyImage) -> Option<TagPose> {
         self.decks(image).first().copied()
     }
-    /// Poses of all decks in an image, the deck with the largest tag first.
+    /// Poses of all decks in an image, starting with the deck of the largest tag.
     pub fn decks(&mut self, image: &GreyImage) -> Vec<TagPose> {
         self.newest = Newest {
             image: ImageLight::of(image),
@@ -183,7 +182,6 @@ impl CameraNode {
         (self.newest.tags, self.newest.pose) = (tags, poses.first().copied());
         poses
     }
-    /// Report of the light in the newest image, when it is due.
     fn report(&mut self, frame: &CameraFrame, exposed: Option<Exposed>) -> Option<CameraLight> {
         let due = self
             .reports
@@ -193,7 +191,7 @@ impl CameraNode {
             return None;
         }
         self.reports.last = Some(frame.at);
-        // An unknown exposure is assumed to be at its limit.
+        // An unknown exposure counts as being at its limit.
         let at_limit = exposed.is_none_or(|e| e.at_limit);
         let undetected = self.newest.tags.is_empty();
         Some(CameraLight {
@@ -204,7 +202,7 @@ impl CameraNode {
             glare: self.newest.image.glare().filter(|_| undetected),
         })
     }
-    /// Deck pose from the corners of its tags, without tags that fit no common pose.
+    /// Deck pose from the corners of its tags, excluding tags that do not fit a common pose.
     fn common_pose(&mut self, mut detected: Vec<DetectedTag>) -> Option<TagPose> {
         while !detected.is_empty() {
             if let Some(pose) = self.pose(&detected) {
@@ -228,7 +226,7 @@ impl CameraNode {
     /// Detection at unit distance. Its noise includes the uncertainty of the tag's position on the deck.
     fn placed(&self, detection: &TagDetection) -> Option<DetectedTag> {
         let mut image = [Vector2::zeros(); 4];
-        // All corners have the same weight: that of the largest pixel at unit distance.
+        // All corners have the same weight, set by the largest pixel at unit distance.
         let mut pixel = 0.0_f64;
         for (n, px) in image.iter_mut().zip(&detection.corners) {
             *n = self.lens.normalised(*px)?;
@@ -244,15 +242,15 @@ impl CameraNode {
     }
     fn pose(&self, detected: &[DetectedTag]) -> Option<TagPose> {
         let s = solve(detected)?;
-        // Eight coordinates per tag minus six of the pose; a single tag leaves two degrees of freedom.
+        // Eight coordinates per tag minus the pose's six, so a single tag leaves two degrees of freedom.
         let freedom = 8.0 * detected.len() as f64 - 6.0;
-        // Limit of equal tail probability at more degrees of freedom (Laurent and Massart 2000, lemma 1).
+        // Limit of equal tail probability for more degrees of freedom (Laurent and Massart 2000, lemma 1).
         let more = freedom - 2.0;
         let most = self.tag.max_misfit + more + (2.0 * more * self.tag.max_misfit).sqrt();
         if !(s.misfit <= most) {
             return None;
         }
-        // A misfit beyond the corners' noise, from glare or motion, inflates all variances.
+        // A misfit in excess of the corner noise, from glare or motion, inflates all variances.
         let inflation = (s.misfit / freedom).max(1.0);
         let variance = s.variance * inflation;
         let position = self.mount * s.position;
@@ -296,7 +294,7 @@ impl Node for CameraNode {
         let mut out = CameraOut::default();
         for CameraFrame { at, image } in &input.frames {
             if self.exposures.accept(now, *at) {
-                // Noise changes every image: an equal one shows the deck where it was.
+                // Noise differs between images, so an identical image shows where the deck was before.
                 let repeated = self.previous.as_ref() == Some(image);
                 let poses = self.decks(image);
                 if repeated {
@@ -335,7 +333,7 @@ mod tests {
             Vector3::new(0.1, -0.05, 2.5),
             UnitQuaternion::from_euler_angles(0.05, 0.1, 1.5),
         );
-        // Tag 2 lies 3 cm from its place.
+        // Tag 2 lies 3 cm from its nominal place.
         let mut loose = tags;
         loose[2].centre_m[0] += 0.03;
         let detected: Vec<TagDetection> = (loose.iter().zip(tags.iter()).take(6))
@@ -388,7 +386,7 @@ mod tests {
             "{first:?}"
         );
         assert_eq!(look(1033, 3, Some(true)), None);
-        // The exposure may still increase; the drone does not control it; the image is bright enough.
+        // The exposure can still increase; the drone does not control it; the image is bright enough.
         for (k, level, at_limit, dark) in [
             (3, 3, Some(false), false),
             (4, 3, None, true),
@@ -422,7 +420,7 @@ mod tests {
         };
         assert!((sd(100.0, 0.0) / tag.corner_sd_px - 1.0).abs() < 0.01);
         assert!(sd(14.0, 0.0) > 2.0 * sd(40.0, 0.0));
-        // 10 px of motion over a tag of 80 px.
+        // 10 px of motion across a tag of 80 px.
         assert!((0.3..0.4).contains(&sd(80.0, 100.0)), "{}", sd(80.0, 100.0));
         assert!(sd(40.0, 100.0) > 1.5 * sd(80.0, 100.0));
     }

@@ -11,7 +11,7 @@ pub(super) struct CameraPose {
 }
 
 impl CameraPose {
-    /// Pose of the point `to`, in the object's axes.
+    /// The same pose for the point `to` (in the object's axes) as origin.
     pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
         CameraPose {
             position: self.position + self.attitude * to,
@@ -35,15 +35,15 @@ pub(super) struct RefinementLimits {
     pub steps: usize,
     pub damping: f64,
     pub min_damping: f64,
-    /// Relative reduction of the cost below which the refinement has converged.
+    /// Relative cost reduction below which the refinement has converged.
     pub relative_gain: f64,
-    /// Absolute reduction of the cost, added to the relative one.
+    /// Absolute cost reduction, added to the relative one.
     pub absolute_gain: f64,
-    /// Norm of a step below which the refinement has converged.
+    /// Norm of the step below which the refinement has converged.
     pub step: f64,
 }
 
-/// Pose of minimum cost near `start`, and that cost. None for an indefinite matrix or undefined equations.
+/// Pose of minimum cost near `start`, and its cost. None for an indefinite matrix or undefined equations.
 pub(super) fn refine(
     start: CameraPose,
     limits: &RefinementLimits,

@@ -1,14 +1,14 @@
-//! Pose of a deck from the image corners of its square tags, one or several as one rigid body.
+//! Pose of a deck from the image corners of its square tags, which form one rigid body.
 //!
-//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate
-//! tag. Levenberg-Marquardt refines it on the reprojection error of all corners, each in units of its noise.
-//! A small distant square has a second minimum, tilted the other way about the viewing direction (Collins and
-//! Bartoli 2014, "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with
-//! the smaller error is reported; noise sometimes makes that the wrong one.
+//! The initial pose comes from the closed-form homography (Heckbert 1989, section 2.2.3) of the most accurate tag.
+//! Levenberg-Marquardt refines it on the reprojection error of all corners, each in units of its noise. A small distant
+//! square has a second minimum, tilted the other way about the viewing direction (Collins and Bartoli 2014,
+//! "Infinitesimal plane-based pose estimation", section 3). Both are refined and the one with the smaller error is
+//! reported; noise sometimes favours the wrong one.
 //!
-//! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at
-//! 1.5 m, 3 deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is usually too tilted and therefore
-//! too near, by 4 cm at 5 m, 11 cm at 7 m and 25 cm at 10 m in the mean; the variance covers this.
+//! Example: for a tag of 1 m, 320 px focal length and corner noise of 1 px, the tilt is known to 0.8 deg at 1.5 m, 3
+//! deg at 3 m and 11 deg at 7 m. From about 5 m on, the best fit is usually too tilted and therefore too near, on
+//! average by 4 cm at 5 m, 11 cm at 7 m and 25 cm at 10 m; the variance covers this.
 
 use alight_shared::tags::DeckTag;
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, Vector2, Vector3, Vector6};
@@ -39,14 +39,14 @@ pub struct DeckPose {
     pub position: Vector3<f64>,
     /// Rotation from the deck to the camera.
     pub attitude: UnitQuaternion<f64>,
-    /// Second moments of the error (position, m²; rotation about the camera's x, y, z, rad²) for the given
-    /// corner noise; the other minimum is weighted by its likelihood.
+    /// Second moments of the error (position, m²; rotation about the camera's x, y, z, rad²) for the given corner
+    /// noise. The other minimum is weighted by its likelihood.
     pub variance: Vector6<f64>,
     /// Sum of squared reprojection errors, in units of the corner variance.
     pub misfit: f64,
 }
 
-/// Corners of a square in its plane: aft port, fore port, fore starboard, aft starboard (x fore, y right).
+/// Corners of a square in its plane (x forward, y right): aft port, forward port, forward starboard, aft starboard.
 pub fn corners(side: f64) -> [Vector3<f64>; 4] {
     let h = 0.5 * side;
     [
@@ -56,15 +56,14 @@ pub fn corners(side: f64) -> [Vector3<f64>; 4] {
         Vector3::new(-h, h, 0.0),
     ]
 }
-/// Corners of a tag, relative to the deck's centre.
 pub fn corners_of(tag: &DeckTag) -> [Vector3<f64>; 4] {
     corners(tag.side_m).map(|corner| corner + Vector3::from(tag.centre_m))
 }
 
-/// A corner: position on the deck, image at unit distance, inverse variance of each coordinate.
+/// Corner: position on the deck, image at unit distance, inverse variance of each coordinate.
 type Corner = (Vector3<f64>, Vector2<f64>, f64);
 
-/// None without a tag, for degenerate corners, or when the refinement fails.
+/// Deck pose; None without a tag, for degenerate corners, or if the refinement fails.
 pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     let (best, size) = (tags.iter())
         .map(|s| (s, (s.image[2] - s.image[0]).norm_squared() / (s.sd * s.sd)))
@@ -80,7 +79,7 @@ pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
                 .map(|(x, z)| (x, z, 1.0 / (s.sd * s.sd)))
         })
         .collect();
-    // Both minima are tilted about the middle of the tags, so tilt is estimated there.
+    // The two minima are tilted about the middle of the tags, so the tilt is estimated there.
     let middle = on_deck.iter().map(|c| c.0).sum::<Vector3<f64>>() / on_deck.len() as f64;
     let body: Vec<Corner> = on_deck.iter().map(|(x, z, w)| (x - middle, *z, *w)).collect();
     let refined = |start| refine(start, &LIMITS, |pose| normal_equations(pose, &body));
@@ -95,7 +94,7 @@ pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     let mut second_moments = variance(&best, &on_deck)?;
     if let Some((other, other_misfit)) = other {
         let other = other.about(-middle);
-        // Weights of the two minima by their likelihoods under the corner noise.
+        // The two minima are weighted by their likelihoods under the corner noise.
         let w = 1.0 / (1.0 + (0.5 * (other_misfit - misfit)).min(700.0).exp());
         if let (true, Some(theirs)) = (w > 1e-6, variance(&other, &on_deck)) {
             let dt = other.position - best.position;
@@ -113,8 +112,8 @@ pub fn solve(tags: &[DetectedTag]) -> Option<DeckPose> {
     })
 }
 
-/// Pose with mirrored depths and the same image under parallel projection along the viewing direction `v`:
-/// `R2 = (I - 2 v v') R diag(1, 1, -1)`.
+/// Pose with mirrored depths, which has the same image under parallel projection along the viewing direction `v`: `R2 =
+/// (I - 2 v v') R diag(1, 1, -1)`.
 fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     let v = pose.position.try_normalize(1e-9)?;
     let mirror = Matrix3::identity() - v * v.transpose() * 2.0;
@@ -127,8 +126,8 @@ fn other_tilt(pose: &CameraPose) -> Option<CameraPose> {
     })
 }
 
-/// Normal equations of the reprojection error for a translation and a rotation about the camera's axes
-/// through the body's origin: `p = R x + t`, `dp = dt + dr x (R x)`.
+/// Normal equations of the reprojection error for a translation, and a rotation about the camera's axes through the
+/// body's origin: `p = R x + t`, `dp = dt + dr x (R x)`.
 fn normal_equations(pose: &CameraPose, corners: &[Corner]) -> Option<NormalEquations> {
     let r = pose.attitude.to_rotation_matrix();
     let (mut a, mut b, mut cost) = (Matrix6::zeros(), Vector6::zeros(), 0.0);

@@ -1,10 +1,10 @@
-//! Action of a drone in each step, depending on the missing inputs.
+//! Action of the drone in each step, as a function of the missing inputs.
 
 use alight_shared::msg::{AutopilotMode, AutopilotState, LandedState, MissionState, Phase, State};
 
 use super::below::DeckBelow;
 
-/// Time beyond its validity for which the last mission message is used, s; then the failsafe acts.
+/// Time for which the last mission message is used beyond its validity, s; then the failsafe acts.
 pub(crate) const GOES_ON_WITHOUT_MISSION_S: f64 = 3.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,7 +13,7 @@ pub(crate) enum ContingencyAction {
     Nothing,
     RemainOnDeck,
     Hold,
-    /// Hold the position, and keep away from the deck if it is near.
+    /// Hold the position, and move away from the deck if it is near.
     Leave,
     Follow,
     Complete,
@@ -21,27 +21,25 @@ pub(crate) enum ContingencyAction {
     Press,
     /// Stand on the deck for a take-off, armed or not: PX4 needs a stream of set-points before it enters OFFBOARD.
     Idle,
-    /// Take off from the deck.
     Jump,
 }
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ContingencyInput<'a> {
-    /// State of the autopilot, if armed.
     pub(crate) autopilot: Option<&'a AutopilotState>,
     pub(crate) mission: Option<&'a MissionState>,
-    /// Whether the mission is silent, so that its last state is used.
+    /// Whether the mission is silent, so that its last state is in use.
     pub(crate) silent: bool,
     /// Whether a plan that suits the mission is available.
     pub(crate) planned: bool,
     pub(crate) below: Option<&'a DeckBelow>,
-    /// Whether the drone already holds, or leaves the deck.
+    /// Whether the drone is already holding or leaving the deck.
     pub(crate) holds: bool,
     /// Whether the pilot node commands attitudes, with which the drone can stand and press.
     pub(crate) attitudes: bool,
     pub(crate) touches: bool,
-    /// Whether the drone is as low as when it was disarmed, or the rangefinder shows its feet on the ground:
-    /// a second witness besides the autopilot's ground report.
+    /// Whether the drone is as low as when it was disarmed, or the rangefinder shows its feet on the ground. This is a
+    /// second witness in addition to the autopilot's ground report.
     pub(crate) low: bool,
 }
 
@@ -53,18 +51,19 @@ impl ContingencyInput<'_> {
     pub(crate) fn waits(&self) -> bool {
         self.mission.is_some_and(|m| m.state == State::Idle)
     }
-    /// Whether the landing is to end on the deck.
+    /// Whether the mission intends to end the landing on the deck.
     pub(crate) fn lands(&self) -> bool {
         self.mission
             .is_some_and(|m| m.state.phase() == Phase::Landing && m.lowest_clearance_m.is_none())
     }
 
-    /// `softer`: whether completing the landing hits the deck less hard than climbing.
+    /// `softer`: whether completing the landing hits the deck more softly than climbing.
     pub(crate) fn action(&self, softer: impl Fn() -> bool) -> ContingencyAction {
         if let Some(state) = self.mission.map(|m| m.state)
             && (state.stands_for_take_off() || state == State::TakeOff)
         {
-            // The drone stays on the deck if the mission falls silent: without set-points the autopilot may lift it.
+            // If the mission falls silent, the drone stays on the deck, because without set-points the autopilot may
+            // lift it.
             let stands = matches!(state, State::SpinUp | State::StandDown);
             let jumps = state == State::TakeOff && self.autopilot.is_some();
             return if stands && self.attitudes {
@@ -78,12 +77,12 @@ impl ContingencyInput<'_> {
         let (Some(autopilot), Some(mission)) = (self.autopilot, self.mission) else {
             return ContingencyAction::Nothing;
         };
-        // The landing continues without mission or plan when a climb would hit the deck harder.
+        // Without mission or plan the landing continues if a climb would hit the deck harder.
         let close = self
             .below
             .is_some_and(|b| b.clearance < mission.commit_clearance_m);
         if self.waits() {
-            // The autopilot's report alone does not cut the thrust: it may be wrong.
+            // The autopilot's report may be wrong, so it does not cut the thrust on its own.
             let grounded = autopilot.landed == LandedState::OnGround && self.low;
             return if grounded && self.attitudes {
                 ContingencyAction::RemainOnDeck
@@ -163,17 +162,16 @@ mod tests {
         use State::{Descent, Flare, Tracking};
         for (state, planned, silent, clearance, softer, expected) in [
             (Descent, true, false, 5.0, false, Follow),
-            // Without a plan a flare continues; a descent continues only if that is softer.
+            // Without a plan a flare continues, but a descent continues only if that is softer.
             (Flare, false, false, 0.4, false, Complete),
             (Flare, false, false, 5.0, false, Leave),
             (Descent, false, false, 0.4, false, Leave),
             (Descent, false, false, 0.4, true, Complete),
             (Tracking, false, false, 0.4, true, Leave),
-            // Without a mission, low in a landing, the drone follows the plan or takes the softer action.
+            // Without a mission, a drone that is low in a landing follows the plan or takes the softer action.
             (Descent, true, true, 0.4, false, Follow),
             (Descent, true, true, 5.0, true, Leave),
             (Tracking, true, true, 0.4, true, Leave),
-            // Neither plan nor mission is available.
             (Descent, false, true, 0.4, false, Leave),
             (Descent, false, true, 0.4, true, Complete),
             (Flare, false, true, 0.4, false, Leave),
@@ -182,11 +180,11 @@ mod tests {
             let what = format!("{state:?}, plan {planned}, silent {silent}, {clearance} m, softer {softer}");
             assert_eq!(found, expected, "{what}");
         }
-        // A deck that comes near does not commit a climbing drone to land.
+        // A deck that comes near does not make a climbing drone land.
         assert_eq!(action(Flare, false, false, 0.4, false, true), Leave);
     }
 
-    /// An idle drone trusts the autopilot's ground report only if another witness shows that it is low.
+    /// An idle drone accepts the autopilot's ground report only if another witness shows that it is low.
     #[test]
     fn idle_drone_reported_on_the_ground() {
         let header = header(1, Time::from_secs(10.0));

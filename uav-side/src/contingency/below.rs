@@ -33,21 +33,20 @@ impl Body {
     }
 }
 
-/// Height over the deck below which the deck can reach a climbing drone, whatever height is requested, m.
+/// Height above the deck below which the deck can reach a climbing drone, whatever height is requested, m.
 pub(crate) const NEAR_DECK_M: f64 = 3.0;
-/// Clearance that a holding drone keeps above the highest predicted deck, m.
+/// Clearance of a holding drone above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
     pub(crate) stage: DeckStage,
-    /// Keep-out volumes around the deck.
     pub(crate) around: Surroundings,
-    /// Foot plane above the deck along its normal, m.
+    /// Height of the foot plane above the deck, along the deck's normal, m.
     pub(crate) clearance: f64,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: f64,
-    /// Predicted rise of the deck until the forecast's horizon, m.
+    /// Predicted rise of the deck up to the forecast's horizon, m.
     rises: f64,
 }
 
@@ -70,13 +69,13 @@ impl DeckBelow {
         })
     }
 
-    /// Replaces the clearance by one from another witness, m.
+    /// Replaces the clearance (m) by that of another witness.
     pub(crate) fn with_clearance(self, clearance: f64) -> DeckBelow {
         DeckBelow { clearance, ..self }
     }
 
-    /// Whether a drone without mission or plan has to climb with the deck: the deck or an obstacle can reach
-    /// it, now or after the predicted rise, and it is below the mission's height over the deck (`height_m`).
+    /// Whether a drone without mission or plan must climb with the deck: the deck or an obstacle can reach it, now or
+    /// after the predicted rise, and it is below the mission's height above the deck (`height_m`).
     pub(crate) fn is_near(&self, body: &Body, height_m: f64, drone: &DroneGeometry) -> bool {
         let aside = (body.position - Vector3::from(self.stage.position)).xy().norm();
         let asked = height_m - BELOW_M - drone.feet_below_m;

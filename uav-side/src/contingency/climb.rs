@@ -1,9 +1,9 @@
-//! Climb away from the deck: one law for the planner, which flies it, and the mission, which predicts it.
+//! Climb away from the deck. The planner flies and the mission predicts it with the same law.
 //!
-//! In NED, with the deck's velocity down `d(t)` by its forecast and the drone's `v`, the reference is `v*(t)
-//! = max(min(d, 0) - climb, -max_climb)`: upwards relative to the deck, but not down with a sinking deck,
-//! which will rise again. `|dv/dt|` is at most half of the rotors' acceleration beyond hover; the attitude
-//! needs the rest.
+//! In NED, with the drone's vertical velocity `v` and the forecast deck's `d(t)`, both downwards, the reference is
+//! `v*(t) = max(min(d, 0) - climb, -max_climb)`: upwards relative to the deck, but not down with a sinking deck, which
+//! will rise again. `|dv/dt|` is at most half of the rotors' acceleration beyond hover; the rest is reserved for
+//! attitude.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 
@@ -13,8 +13,7 @@ pub(crate) const BELOW_M: f64 = 1.0;
 const CLIMB_MPS: f64 = 3.0;
 /// Maximum climb rate, m/s: the planner's limit on vertical speed.
 const MAX_CLIMB_MPS: f64 = 4.0;
-/// Maximum acceleration of any drone, m/s², built up by the planner within [`super::contact`]'s reaction
-/// time.
+/// Maximum acceleration of any drone, m/s². The planner builds it up within the reaction time of [`super::contact`].
 const ACCELERATION_MPS2: f64 = 9.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,7 +27,7 @@ pub(crate) struct Climb {
 }
 
 impl Climb {
-    /// Climb of this drone from the height `z` with this initial velocity.
+    /// Climb from the height `z` with this initial velocity.
     pub(crate) fn new(z: f64, velocity: f64, drone: &DroneGeometry) -> Climb {
         let surplus = drone.max_thrust_n / drone.mass_kg - GRAVITY;
         Climb {
@@ -47,12 +46,12 @@ impl Climb {
         self.towards((deck.min(0.0) - CLIMB_MPS).max(-MAX_CLIMB_MPS), dt);
     }
 
-    /// Advances by `dt` (s) while sinking at `sink` (m/s) relative to a deck that moves down at `deck`.
+    /// Advances by `dt` (s) while sinking at `sink` (m/s) relative to a deck that moves down at `deck` (m/s).
     pub(crate) fn sink(&mut self, dt: f64, deck: f64, sink: f64) {
         self.towards(deck + sink, dt);
     }
 
-    /// Advances by `dt` (s) while slowing down to rest.
+    /// Advances by `dt` (s) while decelerating to rest.
     pub(crate) fn rest(&mut self, dt: f64) {
         self.towards(0.0, dt);
     }
@@ -64,8 +63,8 @@ impl Climb {
         self.z += 0.5 * (before + self.velocity) * dt;
     }
 
-    /// Constant deceleration (m/s²), from `sinking` to the speed `contact` relative to the deck over
-    /// `clearance`: `a = (v0² - v²) / 2 h`, within its bound; 0 for a slower drone.
+    /// Constant deceleration (m/s²) from `sinking` to `contact`, both speeds relative to the deck, within `clearance`:
+    /// `a = (v0² - v²) / 2 h`, up to its bound; 0 if the drone is slower.
     pub(crate) fn braking(&self, sinking: f64, clearance: f64, contact: f64) -> f64 {
         let spare = sinking.max(0.0).powi(2) - contact.powi(2);
         (spare.max(0.0) / (2.0 * clearance.max(0.01))).min(self.acceleration)

@@ -1,4 +1,4 @@
-//! Descent without a plan, or with an outdated one.
+//! Descent without a plan, or with an outdated plan.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::PlanStage;
@@ -10,19 +10,18 @@ use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.
 pub(crate) const SINK_MPS: f64 = 0.5;
-/// Braking that limits the contact speed, m/s², and that speed, m/s. The plan brakes by 2.5 m/s² to 0.28 m/s;
-/// one foot that meets the deck at 0.6 m/s rotates the opposite one onto it at 0.9.
+/// Deceleration that limits the contact speed, m/s², and that speed, m/s. The plan brakes at 2.5 m/s² to 0.28 m/s; a
+/// foot that touches the deck at 0.6 m/s rotates the opposite foot onto it at 0.9 m/s.
 const BRAKING_MPS2: f64 = 3.0;
 const FAST_MPS: f64 = 0.35;
 /// Speed to which a faster drone is braked, m/s.
 const BRAKED_MPS: f64 = 0.25;
-/// Time in which a drone rotates to the deck's attitude, s, and negligible horizontal fraction of thrust.
+/// Time in which a drone rotates to the deck's attitude, s, and horizontal fraction of thrust that is negligible.
 const TURN_S: f64 = 0.15;
 const MIN_TILT: f64 = 0.02;
-/// Time before the contact at which braking has finished, with or without a plan, s.
+/// Time before contact at which braking must be finished, with or without a plan, s.
 const SOFT_S: f64 = 0.2;
 
-/// Landing that is completed by the newest forecast of the deck.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Completion<'a> {
     pub(crate) body: &'a Body,
@@ -33,7 +32,7 @@ pub(crate) struct Completion<'a> {
 }
 
 impl Completion<'_> {
-    /// Stage of a landing without a plan: constant braking to a soft contact, level and then aligned.
+    /// Stage of a landing without a plan: constant braking to a soft contact, at first level and then aligned.
     pub(crate) fn stage(&self) -> PlanStage {
         let (body, below) = (self.body, self.below);
         let (up, sinks) = (below.stage.normal(), -below.normal_speed);
@@ -50,11 +49,11 @@ impl Completion<'_> {
         stage
     }
 
-    /// Vertical acceleration (NED, m/s²) that brakes a drone too fast for a soft contact; None while the height is
-    /// still sufficient to brake later. With the speed `v` towards the deck and the height `h` when the thrust acts,
-    /// which lags by `lag_s`, it applies when
+    /// Vertical acceleration (NED, m/s²) that brakes a drone too fast for a soft contact; None while there is still
+    /// enough height to brake later. With the speed `v` towards the deck and the height `h` at the time when the thrust
+    /// acts, which is `lag_s` later, it applies if
     ///
-    /// `v² > v_t² + 2 a (h - v lag)`, with `a` at most the rotors' margin over a deck that accelerates upwards.
+    /// `v² > v_t² + 2 a (h - v lag)`, where `a` is at most the rotors' margin over a deck that accelerates upwards.
     pub(crate) fn reflex(&self, lag_s: f64) -> Option<f64> {
         let (body, below) = (self.body, self.below);
         let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
@@ -71,10 +70,10 @@ impl Completion<'_> {
         Some(deck + below.stage.normal().z * braking)
     }
 
-    /// Braking `b`, m/s², from the speed `sinks` over `until_s`, with which the drone meets the deck at equal speeds
-    /// along it and towards it. A tilted drone, which rotates within `T` and whose thrust has the horizontal fraction
-    /// `t` of the vertical one, accelerates along the deck. With the speed `v` in that direction and the deck's
-    /// accelerations down, `d`, and along, `e`:
+    /// Deceleration `b`, m/s², from the speed `sinks` over `until_s`, with which the drone meets the deck at equal
+    /// speeds along it and towards it. A tilted drone rotates within `T`; its thrust has a horizontal component of the
+    /// fraction `t` of the vertical one and so accelerates along the deck. With the speed `v` in that direction and the
+    /// deck's accelerations `d` downwards and `e` along:
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
     fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {
@@ -92,7 +91,7 @@ impl Completion<'_> {
         (sinks - speed - drives * lasts_s) / (t * lasts_s + until_s).max(MIN_TILT * TURN_S)
     }
 
-    /// Tilts the attitude of `stage` towards the deck's, more strongly near the deck.
+    /// Tilts the attitude of `stage` towards the deck's attitude, more strongly near the deck.
     fn align(&self, stage: &mut PlanStage) {
         let near = 1.0 - (self.below.clearance / self.aligns_below_m).clamp(0.0, 1.0);
         let [roll, pitch, yaw] = stage.euler;

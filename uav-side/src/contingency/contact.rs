@@ -1,10 +1,10 @@
-//! Comparison of the contact at the end of a completed landing with the contact during a climb.
+//! Compares the contact of a completed landing with the contact during a climb.
 //!
-//! Both use one prediction on the newest forecast. In NED along the vertical, over a deck that moves down at
-//! `d(t)` and has the normal `n(t)`, the drone changes from its vertical speed to the reference, the climb's
-//! or `d + sink`, with at most [`Climb`]'s acceleration, and moves along with the deck. The gap is
-//! `n . (p(t) - c(t)) - feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned
-//! (`tilt = 0`). The forecast's error, which hardens both contacts, is neglected.
+//! Both use one prediction with the newest forecast. In NED along the vertical, over a deck that moves down at `d(t)`
+//! and has the normal `n(t)`, the drone changes from its vertical speed to the reference (that of the climb, or `d +
+//! sink`) with at most the acceleration of [`Climb`], and moves along with the deck. The gap is `n . (p(t) - c(t)) -
+//! feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned (`tilt = 0`). The forecast's error,
+//! which makes both contacts harder, is neglected.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
@@ -15,18 +15,18 @@ use nalgebra::Vector3;
 use super::climb::Climb;
 use super::completion::SINK_MPS;
 
-/// Speed along the deck's normal of a hard contact, m/s: a good contact's limit plus the speed's error.
+/// Speed of a hard contact along the deck's normal, m/s: the limit of a good contact plus the speed's error.
 pub(crate) const HARD_MPS: f64 = 1.5;
 /// Distance from the deck below which the feet rest on it, m: the forecast's error.
 const AT_REST_M: f64 = 0.15;
-/// Time from the decision to climb until the drone accelerates, s: one period of the planner, one of the link, the
-/// thrust's lag of 0.05 s, and half of the 0.23 s of the rotors' slew. A landing already brakes.
+/// Time from the decision to climb until the drone accelerates, s: one planner period, one link period, the thrust's
+/// lag of 0.05 s, and half of the rotors' slew of 0.23 s. A landing is already braking.
 const REACTION_S: f64 = 0.2;
-/// Difference of two contact speeds below which they are considered equal and the drone climbs, m/s.
+/// Difference between two contact speeds below which they count as equal and the drone climbs, m/s.
 const ALIKE_MPS: f64 = 0.01;
-/// Time after which a climb no longer touches the deck, s: it has gained three metres.
+/// Time after which a climb no longer touches the deck, s: the drone has gained three metres.
 const HORIZON_S: f64 = 1.5;
-/// Step of the prediction, s: a power of two, so that distances at a constant speed sum without rounding.
+/// Step of the prediction, s: a power of two, so that distances at constant speed add without rounding.
 const STEP_S: f64 = 1.0 / 64.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,7 +52,7 @@ pub struct ContactOutcomes {
 }
 
 impl ContactOutcomes {
-    /// Outcomes of a drone at `position` with `velocity` (NED) from `now`; None beyond the forecast's horizon.
+    /// Outcomes from `now` for a drone at `position` with `velocity` (NED); None beyond the forecast's horizon.
     pub(crate) fn predict(
         now: Time<DroneClock>,
         forecast: &DeckForecast,
@@ -88,13 +88,13 @@ impl ContactOutcomes {
         })
     }
 
-    /// Whether the feet are on the deck, or a climb would hit it harder than completing the landing does.
+    /// Whether the feet are on the deck, or a climb would hit the deck harder than completing the landing.
     pub fn landing_is_softer(&self) -> bool {
         let limit = self.landing.speed_mps + ALIKE_MPS;
         self.rests || self.climb.is_some_and(|c| c.speed_mps > limit)
     }
     /// Whether a climb would end in a harmful contact. This decides on a deck where a landed drone would not stay:
-    /// there the drone accepts a harder contact, but not a harmful one.
+    /// there a harder contact is acceptable, but not a harmful one.
     pub fn climb_is_harmful(&self) -> bool {
         self.rests || self.landing_is_softer() && self.climb.is_some_and(|c| c.is_harmful())
     }
@@ -174,7 +174,7 @@ mod tests {
     use crate::fixtures::{forecast, header, level};
     use proptest::prelude::*;
 
-    /// Outcomes from `clearance` above a deck at `deck(t)` = (z, velocity), sinking at `sink`.
+    /// Outcomes from `clearance` above a deck at `deck(t)` = (z, velocity), while sinking at `sink`.
     fn ends(clearance: f64, sink: f64, deck: impl Fn(f64) -> (f64, f64)) -> ContactOutcomes {
         let now = Time::from_secs(10.0);
         let f = forecast(header(1, now), |t| DeckStage {
@@ -195,7 +195,7 @@ mod tests {
         assert_eq!(climb_mps(0.14, 0.5, |_| (-1.3, 0.0)), None);
         let touch = climb_mps(0.08, 0.5, |_| (-1.3, 0.0));
         assert!(touch.is_some_and(|v| (0.05..=0.5).contains(&v)), "{touch:?}");
-        // A drone that climbs from a deck that carries it has no impact.
+        // A drone that climbs from a deck that supports it has no impact.
         assert_eq!(climb_mps(0.0, 0.0, |_| (-1.3, 0.0)), None);
     }
 
@@ -224,7 +224,6 @@ mod tests {
         assert!((1.3..1.7).contains(&hard), "{hard}");
     }
 
-    /// A deck that heaves, pitches and moves forward.
     fn sea(amplitude: f64, period: f64, phase: f64, pitch: f64) -> DeckForecast {
         let w = core::f64::consts::TAU / period;
         forecast(header(1, Time::from_secs(10.0)), |t| {
@@ -249,7 +248,6 @@ mod tests {
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);
             let ends = ContactOutcomes::predict(f.header.at, &f, &p, &v, &drone).unwrap();
             prop_assert!(ends.landing.speed_mps >= SINK_MPS);
-            // The contact is no harder than without braking.
             prop_assert!(ends.landing.speed_mps <= sink.max(SINK_MPS) + 1.6 * amplitude * 3.0 + 0.5, "{ends:?}");
             if !ends.landing_is_softer() {
                 prop_assert!(ends.climb.is_none_or(|c| c.speed_mps <= ends.landing.speed_mps + ALIKE_MPS));

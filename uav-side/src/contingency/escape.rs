@@ -1,4 +1,4 @@
-//! The vessel's escape direction, along which a drone leaves after it has climbed clear of the deck.
+//! The vessel's escape direction, in which a drone leaves after it has climbed clear of the deck.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::DeckStage;
@@ -7,13 +7,13 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::surroundings::{in_deck, margin_m, ring_m};
 
-/// Height over the deck above which the drone flies along the escape direction, m: clear of deck and crew.
+/// Height above the deck from which the drone flies in the escape direction, m: clear of deck and crew.
 const ESCAPE_ABOVE_M: f64 = 3.0;
-/// Speed along the escape direction relative to the deck, m/s: reached within a second at a tilt of 10 deg.
+/// Speed in the escape direction relative to the deck, m/s: reached within a second at a tilt of 10 deg.
 const ESCAPE_MPS: f64 = 2.0;
 
-/// Horizontal velocity relative to the deck of a drone that leaves, m/s; zero while it is low, without an
-/// escape direction, or when a keep-out volume blocks it.
+/// Horizontal velocity of a leaving drone relative to the deck, m/s. Zero while it is low, if there is no escape
+/// direction, or if a keep-out volume blocks it.
 pub(crate) fn escape_velocity(
     around: &Surroundings,
     deck: &DeckStage,

@@ -1,4 +1,4 @@
-//! Position hold without mission or plan, and departure from a near deck.
+//! Position hold without mission or plan, and departure from a nearby deck.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::PlanStage;
@@ -16,7 +16,8 @@ pub(crate) struct Hold {
 }
 
 impl Hold {
-    /// Hold at the drone's position. `near` the deck it starts with the drone's vertical speed, otherwise at rest.
+    /// Hold at the drone's position. It starts with the drone's vertical speed if the deck is `near`, otherwise at
+    /// rest.
     pub(crate) fn at(body: &Body, near: bool, drone: &DroneGeometry) -> Hold {
         let sinks = if near { body.velocity.z } else { 0.0 };
         Hold {
@@ -26,8 +27,8 @@ impl Hold {
         }
     }
 
-    /// Stage `dt` (s) later. Over a deck that is `near` the drone rises relative to it and follows the
-    /// vessel's escape direction; elsewhere it rests.
+    /// Stage `dt` (s) later. Over a deck that is `near` the drone rises relative to it and follows the vessel's escape
+    /// direction; elsewhere it stays at rest.
     pub(crate) fn advance(
         &mut self,
         dt: f64,

@@ -1,7 +1,7 @@
 //! Contingency near the deck: actions of a drone when plan, mission, forecast or autopilot is missing.
 //!
-//! [`action`] decides by the missing inputs; [`contact`] predicts the softer outcome. [`climb`], [`hold`] and
-//! [`escape`] lead away from the deck, [`completion`] leads onto it.
+//! [`action`] decides from the missing inputs; [`contact`] predicts which outcome is softer. [`climb`], [`hold`] and
+//! [`escape`] lead away from the deck; [`completion`] lands on it.
 
 mod action;
 mod below;

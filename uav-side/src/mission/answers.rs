@@ -1,12 +1,12 @@
-//! Answers to orders, with the reason when the mission does not carry one out.
+//! Answers to orders, with the reason if the mission does not carry an order out.
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
 use super::phase::{Decision, MissionPhase, MissionProgress};
 use super::situation::{ControlState, Situation};
 
-/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if
-/// it does, or if the order is already fulfilled.
+/// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if it does, or
+/// if the order is already fulfilled.
 pub(super) fn not_done(
     order: CommandKind,
     phase: MissionPhase,

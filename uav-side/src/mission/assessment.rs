@@ -18,8 +18,7 @@ use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
 
 impl MissionNode {
-    /// With each forecast, updates the odds of a landing and the probability above which waiting does not
-    /// pay.
+    /// On each new forecast, updates the odds of a landing and the probability above which waiting does not pay.
     pub(super) fn judge(&mut self, now: Time<DroneClock>, s: &mut Situation) {
         let forecast_at = self.forecast.get().map(|f| f.header.at);
         match self.judged {
@@ -59,7 +58,7 @@ impl MissionNode {
         s.odds = outlook.odds(now);
     }
 
-    /// Follows the way to the deck; returns the time since the last step, s.
+    /// Updates the progress towards the deck; returns the time since the last step, s.
     pub(super) fn watch_way(&mut self, now: Time<DroneClock>, s: &Situation) -> f64 {
         let dt = self.stepped.map_or(0.0, |at| (now - at).secs()).clamp(0.0, 1.0);
         self.stepped = Some(now);
@@ -171,7 +170,7 @@ impl MissionNode {
         })
     }
 
-    /// Charge that each place needs from here, over water at `water_z`, NED, m.
+    /// Charge needed from here for each landing place, over water at `water_z` (NED, m).
     fn charges(&self, water_z: f64) -> Charges {
         let (c, drone) = (&self.config, self.drone.get());
         let home = (drone.zip(self.autopilot.get().and_then(|a| a.home))).map(|(d, home)| {
@@ -191,7 +190,7 @@ impl MissionNode {
         }
     }
 
-    /// Waiting place by the newest grant; None without reservations.
+    /// Waiting place in the newest grant; None without reservations.
     fn place(&self) -> Option<WaitingPlace> {
         let grant = self.grant.get().filter(|_| self.config.reservation_required);
         grant.and_then(|g| g.place(self.drone_id))

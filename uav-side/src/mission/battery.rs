@@ -1,8 +1,8 @@
-//! Filtered charge, rate of discharge, and charge needed to reach the deck.
+//! Filtered charge, discharge rate, and charge needed to reach the deck.
 //!
-//! In the air the charge can only fall, so it is extrapolated from the gauge's last minimum with the power,
-//! and a higher later reading is ignored. A gauge that is silent, stuck, toggling or rising does not keep a
-//! drone in the air, and after the endurance of a full battery no charge is left.
+//! In the air the charge can only fall. It is therefore extrapolated with the power from the gauge's last minimum, and
+//! a higher later reading is ignored. A gauge that is silent, stuck, toggling or rising cannot keep a drone in the air,
+//! and after the endurance of a full battery the charge is zero.
 
 use std::collections::VecDeque;
 
@@ -18,28 +18,28 @@ use crate::mission_config::MissionConfig;
 const MAX_READINGS: usize = 1024;
 /// Fall of the gauge between two measurements of its rate: two steps.
 const FALL: f64 = 0.02;
-/// Fall of the gauge taken for a correction or another battery, if faster than [`MIN_FLIGHT_S`] allows.
+/// Fall of the gauge that counts as a correction or another battery if it is faster than [`MIN_FLIGHT_S`] allows.
 const JUMP: f64 = 0.05;
-/// Shortest endurance of a full battery, s.
+/// Minimum endurance of a full battery, s.
 const MIN_FLIGHT_S: f64 = 120.0;
-/// Longest endurance of a full battery, s; a lower measured power is ignored.
+/// Maximum endurance of a full battery, s; a lower measured power is ignored.
 const MAX_FLIGHT_S: f64 = 7200.0;
-/// Weight of a new measurement of the power.
+/// Weight of a new power measurement.
 const NEW: f64 = 0.3;
-/// Lower bound of a new measurement relative to the previous power.
+/// Lower bound of a new power measurement, relative to the previous power.
 const SLOWER: f64 = 0.5;
-/// Time constant of the current, against gusts and manoeuvres, s.
+/// Low-pass time constant of the current, against gusts and manoeuvres, s.
 const CURRENT_TIME_S: f64 = 10.0;
-/// Time constant of the closing speed, s.
+/// Low-pass time constant of the closing speed, s.
 const CLOSING_TIME_S: f64 = 10.0;
 /// Distance to the deck below which the closing speed is not measured, m.
 const ARRIVED_M: f64 = 30.0;
-/// Endurance of a full battery, s, if neither gauge, current nor installer gives one: few drones land sooner.
+/// Endurance of a full battery if neither gauge, current nor installer gives one, s: few drones land sooner.
 const ASSUMED_S: f64 = 300.0;
 /// Charge at the start of a flight without a gauge: full for a drone observed on the ground, otherwise half.
 const TAKEN_OFF: f64 = 1.0;
 const FOUND_IN_AIR: f64 = 0.5;
-/// Largest excess of a reading over the charge extrapolated from the last minimum: three steps.
+/// Maximum excess of a reading over the charge extrapolated from the last minimum: three steps.
 const ABOVE: f64 = 0.03;
 /// Rise above a minimum that shows it to be wrong, if the discharge over the flight leaves that much charge.
 const WRONG: f64 = 0.1;
@@ -48,12 +48,12 @@ const MIN_MPS: f64 = 0.5;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct BatteryMonitor {
-    /// Decreasing readings, of which the first is the maximum over `battery_lasts_s`.
+    /// Decreasing sequence of readings; the first is the maximum over `battery_lasts_s`.
     readings: VecDeque<(DroneTime, f64)>,
     began: Option<DroneTime>,
     /// Maximum of the readings; None if the gauge is silent or too new.
     lasting: Option<f64>,
-    /// Last minimum of `lasting` in this flight, or the assumption without a gauge.
+    /// Last minimum of `lasting` in this flight, or the assumed charge if there is no gauge.
     minimum: Option<(DroneTime, f64)>,
     /// Charge at the start of the flight; None if no gauge has reported.
     start: Option<(DroneTime, f64)>,
@@ -62,7 +62,7 @@ pub(super) struct BatteryMonitor {
     anchor: Option<(DroneTime, f64)>,
     /// Whether the anchor lies at a step of the gauge; between steps the rate would appear twice as high.
     at_step: bool,
-    /// Charge per second.
+    /// Power by the gauge, charge per second.
     by_gauge: Option<f64>,
     /// Low-passed current, A.
     current_a: Option<f64>,
@@ -70,11 +70,11 @@ pub(super) struct BatteryMonitor {
     closing_mps: Option<f64>,
 }
 
-/// Power that empties a full battery in this time, 1/s; 0 for an unknown endurance.
+/// Power that empties a full battery in this time, 1/s; 0 if the endurance is unknown.
 fn per_s(endurance_s: f64) -> f64 {
     if endurance_s > 0.0 { 1.0 / endurance_s } else { 0.0 }
 }
-/// Charge at `now` after a constant `power` since `at`.
+/// Charge at `now` after constant `power` since `at`.
 fn left((at, charge): (DroneTime, f64), now: DroneTime, power: f64) -> f64 {
     charge - power * (now - at).secs().max(0.0)
 }
@@ -89,7 +89,7 @@ impl BatteryMonitor {
         self.last = Some(at);
         self.readings = known.start.map(|_| (at, charge)).into_iter().collect();
     }
-    /// None before any charge is known.
+    /// State for a successor; None before any charge is known.
     pub(super) fn memory(&self) -> Option<KnownBattery> {
         self.minimum.map(|(at, gauge)| KnownBattery {
             at,
@@ -110,7 +110,7 @@ impl BatteryMonitor {
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
-            // The ground uses no charge, but the report of the ground may be wrong, so the state is kept.
+            // No charge is used on the ground, but the ground report may be wrong, so the state is kept.
             let both = self.minimum.iter_mut().chain(&mut self.start);
             both.for_each(|(at, _)| *at += since);
         }
@@ -163,7 +163,7 @@ impl BatteryMonitor {
         }
     }
 
-    /// Measures the power from the filtered charge, independent of a lost reading.
+    /// Measures the power from the filtered charge, which a lost reading does not affect.
     fn measure(&mut self, now: DroneTime, charge: f64, armed: bool) {
         if !armed {
             (self.anchor, self.by_gauge) = (None, None);
@@ -186,10 +186,10 @@ impl BatteryMonitor {
         (self.anchor, self.at_step) = (Some((now, charge)), true);
     }
 
-    /// Charge for decisions, 0 to 1, the smallest of three values: the maximum of the readings over
-    /// `battery_lasts_s`, independent of a single voltage drop (0 if the voltage was below its minimum for
-    /// that time); the charge extrapolated from the last minimum; the charge at the start of the flight minus
-    /// the discharge by the configured endurance. None on the ground without a report for `battery_lasts_s`.
+    /// Charge for decisions, 0 to 1, the smallest of three values: the maximum of the readings over `battery_lasts_s`,
+    /// which a single voltage drop does not affect (0 if the voltage was below its minimum for that time); the charge
+    /// extrapolated from the last minimum; the charge at the start of the flight minus the discharge at the configured
+    /// endurance. None on the ground without a report for `battery_lasts_s`.
     pub(super) fn charge(&self, c: &MissionConfig) -> Option<f64> {
         let (now, minimum) = (self.last?, self.minimum?);
         let extrapolated = left(minimum, now, self.usual_power(c));
@@ -203,15 +203,14 @@ impl BatteryMonitor {
         Some(by_gauge.min(by_time).max(0.0))
     }
 
-    /// Updates the speed made good towards a deck at `distance_m`, from `assumed_mps` on.
+    /// Updates the speed made good towards a deck at `distance_m`, starting from `assumed_mps`.
     pub(super) fn approach(&mut self, dt: f64, distance_m: f64, closing_mps: Option<f64>, assumed_mps: f64) {
         let closing = closing_mps.filter(|_| distance_m > ARRIVED_M);
         let before = self.closing_mps.unwrap_or(assumed_mps);
         self.closing_mps = closing.map(|v| low_pass(before, v, dt, CLOSING_TIME_S));
     }
 
-    /// Power, 1/s: current over capacity if known, otherwise the gauge's rate; at least the installer's
-    /// value.
+    /// Power, 1/s: current divided by capacity if known, otherwise the gauge's rate; at least the installer's value.
     fn power(&self, c: &MissionConfig) -> f64 {
         let by_current = self.current_a.filter(|_| c.battery_capacity_ah > 0.0);
         let by_current = by_current.map(|i| i / (3600.0 * c.battery_capacity_ah));
@@ -220,7 +219,7 @@ impl BatteryMonitor {
         measured.max(per_s(c.battery_endurance_s))
     }
 
-    /// The reserve plus one more attempt to land.
+    /// Charge needed for a take-off: the reserve plus one landing attempt.
     pub(super) fn for_take_off(&self, c: &MissionConfig) -> f64 {
         (c.battery_reserve + self.usual_power(c) * c.battery_attempt_s).min(1.0)
     }
@@ -231,7 +230,7 @@ impl BatteryMonitor {
             _ => per_s(ASSUMED_S),
         }
     }
-    /// Charge of a drone away from its vessel, and its needs; None if the charge is unknown.
+    /// Charge of a drone away from its vessel, and the charge that it needs; None if the charge is unknown.
     pub(super) fn energy(&self, c: &MissionConfig) -> Option<Energy> {
         Some(Energy {
             charge: self.charge(c)?,
@@ -241,8 +240,8 @@ impl BatteryMonitor {
         })
     }
 
-    /// Reserve to fly `distance_m` to the deck and for one attempt, `P (d / v + t)` with the measured power
-    /// and the speed made good; at least the configured reserve.
+    /// Reserve to fly `distance_m` to the deck and make one attempt, `P (d / v + t)`, with the measured power and the
+    /// speed made good; at least the configured reserve.
     pub(super) fn reserve(&self, distance_m: f64, assumed_mps: f64, c: &MissionConfig) -> f64 {
         let speed = self.closing_mps.unwrap_or(assumed_mps).max(MIN_MPS);
         let way_s = if distance_m.is_finite() {
@@ -306,7 +305,7 @@ mod tests {
         assert_eq!(m.charge(&c), Some(0.0));
     }
 
-    /// From 57 % the charge falls at the measured power, or as with a battery that lasts five minutes.
+    /// From 57 % the charge falls at the measured power, or as for a battery that lasts five minutes.
     #[test]
     fn battery_gauge_that_falls_silent() {
         let c = config();
@@ -329,8 +328,8 @@ mod tests {
         }
     }
 
-    /// On the ground the charge is unknown. In the air a full battery discharges from the take-off on, or
-    /// half of one if the drone was found in the air. The first report replaces the assumption.
+    /// On the ground the charge is unknown. In the air the battery discharges from full at take-off, or from half if
+    /// the drone was found in the air. The first report replaces the assumption.
     #[test]
     fn battery_gauge_that_is_silent_from_the_start() {
         let c = with_endurance(400.0);
@@ -354,8 +353,8 @@ mod tests {
         }
     }
 
-    /// Flight of 400 s from 90 %, with a correct gauge down to 57 % that is then wrong, as are voltage and
-    /// current. The charge falls at the known power, also in a successor. A new minimum is used again.
+    /// Flight of 400 s from 90 %. The gauge is correct down to 57 %, then wrong, as are voltage and current. The charge
+    /// falls at the known power, also in a restarted mission. A new minimum is used again.
     #[test]
     fn battery_gauge_that_lies() {
         let truth = |t: f64| 0.9 - (t - 10.0).max(0.0) / 400.0;
@@ -455,7 +454,7 @@ mod tests {
         }
     }
 
-    /// The rise after ten seconds of wrong low readings is accepted: it is consistent with the flight.
+    /// The rise after ten seconds of wrong low readings is accepted, because it is consistent with the flight.
     #[test]
     fn battery_gauge_that_was_low_for_a_while() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -467,7 +466,7 @@ mod tests {
         assert!((m.charge(&c).unwrap() - 0.4).abs() < 0.02);
     }
 
-    /// A correction from 90 to 19 % has not emptied the battery within seconds.
+    /// A correction from 90 to 19 % does not mean that the battery has emptied within seconds.
     #[test]
     fn battery_gauge_that_corrects_itself() {
         let (mut m, c) = (BatteryMonitor::default(), config());
@@ -527,7 +526,7 @@ mod tests {
         let found = m.reserve(d, v, &c);
         assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
         assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
-        // The speed made good against the wind, towards a vessel that moves away, is 4 m/s.
+        // The speed made good is 4 m/s, against the wind and towards a vessel that moves away.
         for _ in 0..600 {
             m.approach(0.1, d, Some(4.0), v);
         }

@@ -1,10 +1,10 @@
-//! Charge below the reserve: the place to land, and the point of no return of each place.
+//! Charge below the reserve: choice of landing place, and point of no return of each place.
 //!
-//! A place to land needs the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T` in
-//! the wind, the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone
-//! stays with the first place of `battery_order` until its charge `b` falls to the `n` of the next place, the
-//! last moment to reach that. Until then it waits for a deck that is closed, reserved by another drone or
-//! unknown. It gives the deck up only after [`MISSING_S`] without it, and only for a place in reach.
+//! A landing place needs the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T` in the wind,
+//! the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays with the first
+//! place of `battery_order` until its charge `b` falls to the `n` of the next place, the last moment at which it can
+//! reach that. Until then it waits for a deck that is closed, reserved by another drone or unknown. It gives the deck
+//! up only after [`MISSING_S`] without it, and only for a place within reach.
 
 use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
@@ -18,7 +18,6 @@ use crate::mission_config::MissionConfig;
 
 /// Relative error of power, wind and times.
 const MARGIN: f64 = 0.25;
-/// Step of a gauge.
 const STEP: f64 = 0.01;
 /// Time of a mode change and of the last part of a descent to ground, s.
 const ENDS_S: f64 = 10.0;
@@ -26,12 +25,12 @@ const ENDS_S: f64 = 10.0;
 const LAND_MPS: f64 = 0.7;
 /// Air speed of the autopilot's return, m/s. Source: PX4's MPC_XY_CRUISE; ArduCopter's RTL is faster.
 const RETURN_MPS: f64 = 5.0;
-/// Time of the shortest attempt, from above the deck onto it, s.
+/// Duration of the shortest attempt, from above the deck onto it, s.
 const LAST_ATTEMPT_S: f64 = 30.0;
-/// Fraction of the reserve that is kept for a home at an unknown place.
+/// Fraction of the reserve kept for a home at an unknown position.
 const UNKNOWN_HOME: f64 = 0.5;
 
-/// Time after which a missing deck is given up, s: enough for the crew to cross it, a landing, or a restart.
+/// Time after which a missing deck is given up, s: enough for the crew to cross it, for a landing, or for a restart.
 const MISSING_S: f64 = 20.0;
 
 impl Charges {
@@ -60,7 +59,7 @@ impl Charges {
             attempt: power * LAST_ATTEMPT_S,
         }
     }
-    /// Charge at which the drone leaves for `place`.
+    /// Charge at which the drone must leave for `place`.
     fn last_moment(&self, place: BatteryPlace) -> f64 {
         match place {
             BatteryPlace::Deck => 0.0,
@@ -68,14 +67,14 @@ impl Charges {
             BatteryPlace::Here => self.here,
         }
     }
-    /// Whether the charge `b` reaches `place`, without a margin; a landing in place is always possible.
+    /// Whether the charge `b` is enough to reach `place`, without a margin; landing in place is always possible.
     fn reaches(&self, place: BatteryPlace, b: f64) -> bool {
         match place {
             BatteryPlace::Deck | BatteryPlace::Here => true,
             BatteryPlace::Home => b >= without_margin(self.home),
         }
     }
-    /// Whether a drone with the charge `b` leaves for `place` when the deck is missing for `missing_s`.
+    /// Whether a drone with the charge `b` leaves for `place` when the deck has been missing for `missing_s`.
     fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
         let last = self.last_moment(place);
         let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
@@ -91,12 +90,11 @@ fn without_margin(n: f64) -> f64 {
 enum DeckAccess {
     /// The operator has declined the deck, or the mode permits no landing.
     Declined,
-    /// The deck is closed, reserved by another drone, unknown, not detected, or moves too much for now.
+    /// The deck is closed, reserved by another drone, unknown or not detected, or it currently moves too much.
     Awaited,
     Open,
 }
 
-/// Whether the drone could land on the deck now.
 pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
     let free = !matches!(s.reservation, Reservation::Others(owner) if owner != 0);
     let lands = |d: &Deck| {
@@ -106,7 +104,7 @@ pub(super) fn is_open(s: &Situation, c: &MissionConfig) -> bool {
     free && s.fresh_deck().is_some_and(lands)
 }
 
-/// Reachable places with the charge `b`, in the order of preference.
+/// Places reachable with the charge `b`, in order of preference.
 fn remaining<'a>(
     b: f64,
     deck: DeckAccess,
@@ -123,7 +121,7 @@ fn remaining<'a>(
         .filter(move |p| s.charges.reaches(*p, b))
 }
 
-/// Place to land with the charge `b`, and the charge at which the drone leaves for the next one.
+/// Landing place for the charge `b`, and the charge at which the drone leaves for the next place.
 fn place(
     b: f64,
     deck: DeckAccess,
@@ -143,8 +141,8 @@ fn place(
     }
 }
 
-/// Relaxation of the landing's limits on a low battery, 0 to 1: 0 in the first half of the reserve, in which
-/// the drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
+/// Relaxation of the landing's limits on low battery, 0 to 1. It is 0 in the first half of the reserve, in which the
+/// drone waits for the best moment, and 1 at the charge for one attempt or for home, whichever is larger.
 pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> f64 {
     let Some(b) = s.battery.filter(|_| progress.is_urgent()) else {
         return 0.0;
@@ -161,21 +159,21 @@ pub(super) fn urgency(progress: &MissionProgress, s: &Situation, c: &MissionConf
     ((first - b) / (first - last)).clamp(0.0, 1.0)
 }
 
-/// Charge below which the drone lands: the reserve, or less while an operator who stopped it may decide.
+/// Charge below which the drone lands: the reserve, or less while an operator who stopped the landing may still decide.
 fn limit(progress: &MissionProgress, s: &Situation) -> f64 {
     let kept = if progress.stopped { FOR_OPERATOR } else { 0.0 };
     (1.0 - kept) * s.battery_reserve
 }
 
-/// Whether the drone flies under the mission's control without an order, so that nothing else lands it.
+/// Whether the drone flies under the mission's control without an order, so that nothing else would land it.
 pub(super) fn is_unordered(phase: MissionPhase, s: &Situation, c: &MissionConfig) -> bool {
     let ours = s.flight == ControlState::Ours && s.own.is_some() && !s.motors_stopped;
     let held = s.held_back().is_some();
     phase == MissionPhase::Idle && ours && !held && c.mode != LandingMode::Shadow
 }
 
-/// Transition at a charge below the reserve, to the place to land. A descent in progress continues, because
-/// it is the quickest way down. If the charge rises again, the previous state returns.
+/// Transition to the landing place at a charge below the reserve. A descent in progress continues, because it is the
+/// fastest way down. If the charge rises again, the previous state is restored.
 pub(super) fn charge(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -233,7 +231,7 @@ pub(super) fn charge(
     (changed || !gave_up_before).then(|| to.enter(why))
 }
 
-/// Transition at a sufficient charge: a drone on its way to another place resumes.
+/// Transition once the charge is sufficient again: a drone on its way to another place resumes.
 fn above_again(
     phase: MissionPhase,
     progress: &mut MissionProgress,

@@ -18,7 +18,6 @@ use super::*;
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))
 }
-/// Changes that make the deck unavailable.
 const MISSING: [fn(&mut Situation); 5] = [
     |s| s.reservation = Reservation::Others(DECK_CLOSED),
     |s| s.reservation = Reservation::Others(2),
@@ -32,8 +31,8 @@ fn without_deck(battery: f64, missing: fn(&mut Situation)) -> Situation {
     s
 }
 
-/// For each charge, cause and phase the drone waits while it can reach another place or has charge for the
-/// deck, and lands on the deck once it is available again.
+/// For each charge, cause and phase the drone waits while it can reach another place or has charge for the deck, and it
+/// lands on the deck once that is available again.
 #[test]
 fn deck_that_is_missing_for_a_moment() {
     let hold = holding(HoldCause::Data, &fair(), &config());
@@ -70,7 +69,7 @@ fn deck_that_is_missing_for_a_moment() {
     }
 }
 
-/// The drone leaves at the last moment for the next place, after a long time without the deck.
+/// After a long time without the deck the drone leaves at the last moment for the next place.
 #[test]
 fn last_moment_for_the_next_place() {
     for missing in MISSING {
@@ -87,7 +86,7 @@ fn last_moment_for_the_next_place() {
         goes(&d, State::GaveUp, BatteryHome);
         let text = d.entered.unwrap().to_string();
         assert_eq!(text, "battery at 6 % (needs 6 %): the autopilot returns home");
-        // Without home in reach the drone waits for the deck while it can land in place.
+        // If home is out of reach, the drone waits for the deck while it can still land in place.
         let d = after(&first, 21.0, 0.039);
         assert!(waits(&d));
         assert!(
@@ -203,8 +202,8 @@ fn low_battery_limits_above_the_deck() {
     waits(&full, State::TrackingStable, DeckGrantStale);
 }
 
-/// After an abort or a hold the operator decides until a quarter of the reserve is used; then the drone
-/// lands. A second abort declines the deck.
+/// After an abort or a hold the operator may decide until a quarter of the reserve is used; then the drone lands. A
+/// second abort declines the deck.
 #[test]
 fn low_battery_after_a_stop() {
     for (command, state, waiting) in [
@@ -228,7 +227,7 @@ fn low_battery_after_a_stop() {
     }
 }
 
-/// A drone does not stay in the air until its battery is empty, after a given-up landing or without an order.
+/// After giving up a landing, or without an order, a drone does not stay in the air until its battery is empty.
 #[test]
 fn low_battery_of_a_drone_that_waits() {
     let spent = MissionProgress {
@@ -303,7 +302,6 @@ fn charge_of_a_way_home() {
 }
 
 proptest! {
-    /// The limits never narrow as the battery empties.
     #[test]
     fn urgency_grows_as_the_charge_falls(
         b in 0.0..0.3_f64, less in 0.0..0.3_f64, home in 0.0..0.5_f64, attempt in 0.0..0.2_f64,
@@ -316,7 +314,7 @@ proptest! {
             });
             urgency(&urgent, &s, &config())
         };
-        // Without home in reach the drone has more charge for the deck.
+        // If home is out of reach, the drone has more charge for the deck.
         let reach = (home - 0.01) / 1.25;
         let home_lost = b >= reach && b - less < reach;
         prop_assert!(home_lost || of(b - less) >= of(b) - 1e-12);

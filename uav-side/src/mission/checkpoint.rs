@@ -1,7 +1,7 @@
 //! Checkpoint of the mission, published with every state and validated by a successor.
 //!
-//! A mission that starts while the drone flies continues its predecessor's, or, without a usable checkpoint,
-//! makes the drone safe by its own inputs. Until then it publishes no state, and the pilot uses the last one.
+//! A mission that starts while the drone flies continues its predecessor's state or, without a usable checkpoint, makes
+//! the drone safe from its own inputs. Until then it publishes no state, and the pilot uses the last one.
 
 use alight_shared::admission::command::keep;
 use alight_shared::msg::{
@@ -21,11 +21,10 @@ use crate::lift_off::LEFT_M;
 use crate::mission_config::MissionConfig;
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
-/// Wait of a starting mission for autopilot, odometry and forecast: five periods of the slowest.
+/// Time for which a starting mission waits for autopilot, odometry and forecast: five periods of the slowest.
 const EVIDENCE_WAIT: Span = Span::from_millis(500);
 const MAX_COMMANDS: usize = 16;
 
-/// Start-up of a mission that may have a predecessor.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionStartUp {
     recovery: Recovery<MissionCheckpoint>,
@@ -34,14 +33,14 @@ pub(super) struct MissionStartUp {
 
 pub(super) struct Begun {
     pub(super) checkpoint: Option<MissionCheckpoint>,
-    /// Checkpoint too old to continue from, which gives only the purpose of the flight.
+    /// Checkpoint that is too old to continue from and gives only the purpose of the flight.
     pub(super) aged: Option<MissionCheckpoint>,
     pub(super) rejected: Option<CheckpointRejection>,
     pub(super) commands: Vec<Command>,
 }
 
 impl MissionStartUp {
-    /// Returns the result once it is decided. `complete`: the mission has the states of drone and deck.
+    /// Returns the result once it is decided. `complete`: whether the mission has the states of drone and deck.
     pub(super) fn step(
         &mut self,
         now: DroneTime,
@@ -72,7 +71,7 @@ impl MissionStartUp {
     }
 }
 
-/// Phase of the checkpoint `m`, and the reason for a difference. `same_frame`: its positions are valid.
+/// Phase of the checkpoint `m`, and the reason if it differs. `same_frame`: whether its positions are valid.
 pub(super) fn restored(
     m: &MissionCheckpoint,
     same_frame: bool,
@@ -88,9 +87,9 @@ pub(super) fn restored(
     }
 }
 
-/// Continuation of a mission in `state` that was last `published`. If that is too old, the pilot has left the
-/// plan and climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it,
-/// because a climb would hit the deck harder; the operator has `stopped` it.
+/// Continuation of a mission in `state` that was last `published`. If that is too old, the pilot has left the plan and
+/// climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it, because a climb would
+/// hit the deck harder; or the operator has `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -110,7 +109,7 @@ pub(super) fn interrupted(
     })
 }
 
-/// Whether the feet are on the deck by the forecast and stay there.
+/// Whether by the forecast the feet are on the deck and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
@@ -118,8 +117,8 @@ fn rests(s: &Situation) -> bool {
 /// Speed away from the deck of a drone that has left it, m/s: several times the estimate's error.
 const RISES_MPS: f64 = 0.5;
 
-/// Whether a drone in a take-off stands on the deck and does not rise, by its autopilot or by a camera that
-/// detects the deck. By GNSS receivers the height may be wrong by metres; the autopilot's report may be old.
+/// Whether a drone in a take-off stands on the deck and does not rise, by its autopilot or by a camera that detects the
+/// deck. GNSS heights may be wrong by metres, and the autopilot's report may be old.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let Some(deck) = s.fresh_deck() else {
         return false;
@@ -139,7 +138,7 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
             let own = s.own.filter(|_| !same_frame).map_or(at, |own| own.position);
             MissionPhase::GetAltitude { from: [own.x, own.y] }
         }
-        // A search restarts at the beacon's place.
+        // A search restarts at the beacon's position.
         State::Approach | State::Search => MissionPhase::APPROACH,
         State::Tracking | State::TrackingStable => MissionPhase::TRACKING,
         State::Descent => MissionPhase::DESCENT,
@@ -171,7 +170,6 @@ fn phase_of(m: &MissionCheckpoint, same_frame: bool, s: &Situation, c: &MissionC
         }
         State::GaveUp if same_frame => MissionPhase::GaveUp { at, yaw },
         State::GaveUp => gave_up(s, c),
-        // A pending order has to be repeated.
         State::Idle | State::Preparing | State::Countdown => MissionPhase::Idle,
         State::SpinUp | State::StandDown => standing_down(s, ReasonCode::Disarmed.into()),
         State::TakeOff if !m.sortie && stands(s, c) => standing_down(s, ReasonCode::Disarmed.into()),
@@ -195,7 +193,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         set_points_lost: false,
         station: None,
         sortie: m.sortie,
-        // The distance is measured again from the present place.
+        // The distance is measured again from the current position.
         led_from: None,
         cycles: Cycles {
             on: m.cycling,
@@ -211,10 +209,9 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
     }
 }
 
-/// Time in which a computer boots, s.
 const BOOT_S: f64 = 30.0;
 
-/// Whether a checkpoint is older than the computer's boot, which restarted its clock.
+/// Whether a checkpoint is older than the computer's boot, which restarts its clock.
 fn of_former_boot(m: &MissionCheckpoint) -> bool {
     m.header.at < DroneTime::EPOCH
 }
@@ -231,10 +228,9 @@ pub(super) fn known_vessel(now: DroneTime, m: &MissionCheckpoint) -> Option<Last
     m.last_vessel.map(known)
 }
 
-/// Purpose of the flight from a checkpoint that is too old to continue from. An order to land and a station
-/// continue once the drone is in our mode, and end if a pilot has it. An operator's stop and a declined deck
-/// persist. A drone on a sortie returns while its charge lasts, and its cycles end. A disarmed drone has
-/// none.
+/// Purpose of the flight, from a checkpoint that is too old to continue from. An order to land and a station continue
+/// once the drone is in our mode, and end if a pilot has control. An operator's stop and a declined deck persist. A
+/// drone on a sortie returns while its charge lasts, and its cycles end. A disarmed drone has no purpose.
 pub(super) fn purpose(now: DroneTime, m: &MissionCheckpoint) -> MissionProgress {
     if !m.armed {
         return MissionProgress::default();
@@ -270,7 +266,7 @@ pub(super) fn is_away(s: &Situation) -> bool {
     s.fresh_deck().is_some_and(|d| d.distance_m >= AWAY_M)
 }
 
-/// Evasive climb of a drone that hovers without an order within the deck's heave when the vessel comes near.
+/// Evasive climb of a drone that hovers without an order within the deck's heave while the vessel approaches.
 pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhase, Reason)> {
     let deck = s.fresh_deck()?;
     let near_m = RESUME_DISTANCE_M + CLIMB_S * deck.closing_mps.max(0.0);
@@ -282,9 +278,9 @@ pub(super) fn gives_way(s: &Situation, c: &MissionConfig) -> Option<(MissionPhas
     Some((gave_up(s, c), why))
 }
 
-/// Start of an idle mission without a checkpoint, if the drone flies near a deck or rests there with running
-/// motors: it was landing or taking off, and the rising deck could hit it. A drone that is still `landing`
-/// climbs and starts again. `code` is the reason for the missing checkpoint. `Err` until decided.
+/// Start of an idle mission without a checkpoint when the drone flies near a deck or rests on it with motors running.
+/// It was landing or taking off, and the rising deck could hit it. A drone that is still `landing` climbs and starts
+/// again. `code` is the reason why the checkpoint is missing. `Err` until decided.
 pub(super) fn safe_start(
     s: &Situation,
     landing: bool,
@@ -292,7 +288,7 @@ pub(super) fn safe_start(
     c: &MissionConfig,
 ) -> Result<Option<(MissionPhase, Reason)>, ()> {
     match s.flight {
-        // The drone may come under our control at any time, even low over the deck.
+        // The drone may come under our control at any time, even low above the deck.
         ControlState::Unknown | ControlState::SetPointsLost | ControlState::OtherControl(_) => return Err(()),
         ControlState::Disarmed => return Ok(None),
         ControlState::OnGround | ControlState::Ours => {}

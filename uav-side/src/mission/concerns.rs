@@ -1,10 +1,10 @@
-//! Concerns: table of conditions that interrupt a state.
+//! Concerns: the table of conditions that interrupt a state.
 //!
-//! A row applies in the phases of `in_phase` and acts while its condition holds; the first such row decides.
-//! Inputs are already filtered: a touchdown by the pilot's detector, control by two heartbeats, data by the
-//! staleness limit of each topic, charge by `battery_lasts_s`. When the condition clears, the state resumes:
-//! a hold for data ends once they are fresh, a landing restarts after a set-point loss, and a charge above
-//! the reserve resumes the flight. A landing that a pilot or an operator has ended needs a new order.
+//! A row applies in the phases of `in_phase` and acts while its condition holds; the first row that acts decides.
+//! Inputs are already filtered: touchdown by the pilot's detector, control by two heartbeats, data by the staleness
+//! limit of each topic, charge by `battery_lasts_s`. When the condition clears, the state resumes: a hold for data ends
+//! once they are fresh, a landing restarts after a set-point loss, and the flight resumes once the charge is above the
+//! reserve. A landing that a pilot or operator has ended needs a new order.
 //!
 //! | row | action | clears by | overruled by |
 //! |---|---|---|---|
@@ -124,8 +124,8 @@ fn returns(phase: MissionPhase, progress: &MissionProgress, s: &Situation) -> bo
     waits && (progress.sortie || silent) && !progress.landing && !progress.stopped
 }
 
-/// End of a sortie by the battery or by the autopilot's own mission: the drone lands as if ordered. While the
-/// pilot or that mission flies it, the order waits.
+/// Ends a sortie because of the battery or because the autopilot's own mission is complete: the drone lands as if
+/// ordered. While the pilot or that mission flies it, the order waits.
 fn turn_back(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -156,19 +156,19 @@ fn control(
             progress.landing = false;
             Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
         }
-        // Low over the deck the drone climbs once it follows set-points again.
+        // When the drone follows set-points again low above the deck, it climbs.
         ControlState::SetPointsLost if phase.takes_off() => take_off::set_points_lost(phase, s, c),
-        // The drone resumes its hold, or its climb to it, once it follows set-points again.
+        // When the drone follows set-points again, it resumes its hold or its climb to it.
         ControlState::SetPointsLost if phase.rests() => None,
         ControlState::SetPointsLost => Some(MissionPhase::Idle.enter(ReasonCode::NotFlying)),
         ControlState::Unknown | ControlState::OnGround | ControlState::Ours => None,
     }
 }
 
-/// Age of the data up to which a landing is completed without them, s.
+/// Maximum age of data with which a landing is completed, s.
 const COMPLETES_WITHOUT_DATA_S: f64 = 1.0;
 
-/// Transition on stale data: a landing continues if that is softer, otherwise the drone holds.
+/// Transition on stale data: a landing continues if that is softer; otherwise the drone holds.
 fn data(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -183,9 +183,9 @@ fn data(
     })
 }
 
-/// Whether a landing that was not stopped continues for a moment with old data: because that is softer, or
-/// because the drone's own odometry is missing low over the deck. Nothing is commanded without odometry, so
-/// the decision to leave can wait for it.
+/// Whether a landing that was not stopped continues for a moment with old data, because that is softer, or because the
+/// drone's own odometry is missing low above the deck. Without odometry nothing is commanded, so the decision to leave
+/// can wait for it.
 fn completes_without_data(
     phase: MissionPhase,
     progress: &MissionProgress,
@@ -208,11 +208,11 @@ fn without_data(progress: &MissionProgress, s: &Situation, c: &MissionConfig) ->
     }
 }
 
-/// Time after which a low hover without an order ends, s: enough for a pilot's hand-over and order.
+/// Time after which a low hover without an order ends, s: enough for a pilot's handover and an order.
 const RESTS_LOW_S: f64 = 3.0;
 
-/// Transition of a drone without an order within reach of waves: it holds at a safe height. A drone that its
-/// rotors do not carry may stand on deck or ground.
+/// Transition of a drone without an order within reach of waves: it holds at a safe height. A drone whose rotors do not
+/// carry it may be standing on the deck or the ground.
 fn rest(
     _: MissionPhase,
     progress: &mut MissionProgress,
@@ -249,7 +249,7 @@ fn way(
     let [x, y] = *progress.led_from.get_or_insert([here.x, here.y]);
     let way_m = (here.x - x).hypot(here.y - y);
     let why = exceeds(ReasonCode::VesselTooFar, way_m, c.beacon_max_way_m)?;
-    // Not even with a low battery does the drone follow the beacon further.
+    // Even on low battery the drone does not follow the beacon further.
     progress.deck_declined = true;
     Some(gave_up(s, c).enter(why))
 }

@@ -61,7 +61,7 @@ pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     ]
 }
 
-/// Condition of a row, states in which it acts, and resulting state by initial state.
+/// Condition of a row, states in which it acts, and resulting state for each initial state.
 type Row = (
     &'static str,
     fn(&mut Situation),
@@ -146,7 +146,6 @@ fn rows_in_every_state() {
         for (phase, progress) in states() {
             let s = with(counts);
             let mut at = (phase, progress);
-            // The condition holds, clears, and holds again.
             for round in 1..=2 {
                 let d = decide(at.0, at.1, None, &s, &config());
                 let acted = d.entered.is_some() && d.phase.state() == leads_to(phase);
@@ -163,7 +162,7 @@ fn rows_in_every_state() {
             }
         }
     }
-    // The row for the way behind a beacon has a separate test.
+    // The row for the distance led by a beacon has a separate test.
     assert_eq!(BEFORE_ORDERS.len() + AFTER_ORDERS.len(), rows().len() + 1);
 }
 
@@ -175,7 +174,6 @@ fn rows_that_are_over() {
             "report" | "data" | "charge" => true,
             "touchdown" | "control" | "time" => false,
             "rest" => continue,
-            // This row does not end a landing.
             "return" => continue,
             _ => panic!("{name}: is the state restored?"),
         };

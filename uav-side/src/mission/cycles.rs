@@ -1,11 +1,11 @@
 //! Unattended cycles from deck to deck: take-off, the autopilot's own mission, landing, and the next sortie.
 //!
-//! An order to take off starts them, if `sorties_max` allows. After the climb out the autopilot's own mission
-//! takes over, from its beginning. The drone returns at its end, when the battery requires it or on an order,
-//! lands, and stands disarmed until it is ready: by `alight command ready`, or when a charger has raised its
-//! charge to the limit. Each take-off needs the crew's clearance. A sortie has to end disarmed on the deck
-//! without a finding; otherwise the cycles end, the mission keeps reporting the reason, and only another
-//! order to take off starts them again.
+//! An order to take off starts them if `sorties_max` allows. After the climb-out the autopilot's own mission takes
+//! over, from its beginning. When that is complete, when the battery requires it or on an order, the drone returns,
+//! lands, and stands disarmed until it is ready: by `alight command ready`, or once a charger has raised its charge to
+//! the limit. Each take-off needs the crew's clearance. A sortie must end disarmed on the deck without a finding.
+//! Otherwise the cycles end, the mission keeps reporting the reason, and only another order to take off starts them
+//! again.
 //!
 //! This module holds the cycles' state; `turnaround` holds the transitions.
 
@@ -22,12 +22,11 @@ const MOMENTS: u32 = 3;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cycles {
     pub(super) on: bool,
-    /// Over all orders since the process started.
+    /// Number of sorties under all orders since the process started.
     pub(super) sorties: u32,
     pub(super) ended: Option<Reason>,
     /// Whether an operator has confirmed the next sortie.
     pub(super) ready: bool,
-    /// Time since which the charge has been sufficient.
     pub(super) charged: Option<Time<DroneClock>>,
     pub(super) tries: u32,
 }
@@ -37,13 +36,13 @@ impl Cycles {
         let on = self.sorties < c.sorties_max;
         Cycles {
             on,
-            // The order also confirms a ready drone.
+            // The order also confirms that the drone is ready.
             ready: on,
             sorties: self.sorties,
             ..Cycles::default()
         }
     }
-    /// Numbers of begun and planned sorties; the latter is 0 without cycles.
+    /// Numbers of sorties begun and planned; the latter is 0 without cycles.
     pub(super) fn count(&self, c: &MissionConfig) -> [u32; 2] {
         [self.sorties, if self.on { c.sorties_max } else { 0 }]
     }
@@ -59,12 +58,10 @@ impl Cycles {
             (self.on, self.ended) = (false, Some(why));
         }
     }
-    /// Counts a sortie whose drone has left the deck.
     pub(super) fn leave(&mut self) {
         self.sorties = self.sorties.saturating_add(1);
         (self.ready, self.charged, self.tries) = (false, None, 0);
     }
-    /// Processes a change of state, which may end the cycles.
     pub(super) fn follow(&mut self, before: State, after: State, why: Reason) {
         let is_anothers = before == State::StandDown && why.code != Disarmed;
         let ends = after == State::GaveUp

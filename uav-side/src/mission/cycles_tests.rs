@@ -13,7 +13,6 @@ use super::tests::{at, with};
 use super::*;
 const LANDED: MissionPhase = MissionPhase::STANDS;
 
-/// Cycles in their first sortie.
 fn cycling() -> MissionProgress {
     MissionProgress {
         started: at(9.0),
@@ -60,14 +59,13 @@ fn next_sortie_by_charge_or_by_order() {
         (MissionPhase::Preparing, SortieBegins)
     );
     assert_eq!((d.progress.started, d.progress.cycles.on), (at(41.0), true));
-    // The order makes the drone ready, once the crew has cleared the deck.
+    // The order makes the drone ready once the crew has cleared the deck.
     let low = |s: &mut Situation| (s.battery, s.not_cleared) = (Some(0.5), Some(NotCleared.into()));
     let d = step(LANDED, cycling(), Some(CommandKind::Ready), &standing(low));
     assert_eq!(d.waiting.code, NotCleared);
     let cleared = standing(|s| s.battery = Some(0.5));
     let d = step(LANDED, d.progress, None, &cleared);
     assert_eq!(d.entered.unwrap().code, SortieBegins);
-    // The order applies to cycles only.
     let d = step(
         LANDED,
         MissionProgress::default(),
@@ -91,10 +89,9 @@ fn preparation_of_the_next_sortie() {
             d.progress.cycles.ended,
         )
     };
-    // The crew withdraws its clearance.
     let s = standing(|s| s.not_cleared = Some(NotCleared.into()));
     assert_eq!(waits(&s), (State::Landed, NotCleared, None));
-    // The mission waits for calmer waves without a time limit, but not for lasting conditions.
+    // The mission waits indefinitely for calmer waves, but not for permanent conditions.
     let steep = |s: &mut Situation| {
         s.now = at(500.0);
         s.leaving.lift_off.iter_mut().for_each(|m| m.now.along = 0.4);
@@ -178,7 +175,7 @@ fn endings_of_unattended_cycles() {
             "{phase:?}"
         );
     }
-    // The drone lands if its own mission does not start after the hand-over.
+    // The drone lands if its own mission does not start after the handover.
     let d = step(hold(), handed, None, &with(|_| {}));
     assert!(d.progress.landing && d.phase.state() == State::Hold);
     let soon = with(|s| s.now = at(3.0));
@@ -225,7 +222,7 @@ fn mission_restarted_while_it_hands_over() {
     }
 }
 
-/// A mission long after its predecessor, or on another boot, knows the purpose of the flight: a drone that
+/// A mission that starts long after its predecessor, or after a reboot, knows the purpose of the flight: a drone that
 /// hovers 60 m away returns when its battery requires it. A disarmed drone is on no sortie.
 #[test]
 fn purpose_of_an_aged_checkpoint() {
@@ -295,7 +292,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     // A pilot has control, so Alight does not request it.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
-    // Without a sortie the drone does not return.
+    // A drone that is on no sortie does not return.
     let d = step(
         MissionPhase::Idle,
         MissionProgress::default(),
@@ -303,7 +300,7 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
         &flown(OwnMission::Done),
     );
     assert_eq!((d.entered, d.progress.landing), (None, false));
-    // Within a cycle an order ends the autopilot's own mission; in a single sortie the pilot selects the mode.
+    // In cycles an order ends the autopilot's own mission; in a single sortie the pilot selects the mode.
     let land = Some(CommandKind::Land);
     for (progress, expected) in [
         (on_sortie, OrderedBack),
@@ -352,11 +349,11 @@ fn way_to_a_vessel_that_is_not_received() {
             (MissionPhase::Seek, SeeksVessel)
         );
     }
-    // Flies at the approach height towards the place.
+    // Flies towards the place at the approach height.
     let place = Waypoint::of(MissionPhase::Seek, &silent(|_| {}), &permits());
     assert!((place.at - nalgebra::Vector3::new(600.0, -200.0, -16.3)).norm() < 1e-9);
     assert!((place.yaw - (-200.0_f64).atan2(600.0)).abs() < 1e-9);
-    // Without reception it seeks the vessel until the last moment for home; with reception it lands as usual.
+    // Without reception the drone seeks the vessel until the last moment for home; with reception it lands as usual.
     let d = step(MissionPhase::Seek, called, None, &silent(|_| {}));
     assert_eq!((d.phase, d.waiting.code), (MissionPhase::Seek, SeeksVessel));
     let d = step(
@@ -377,7 +374,7 @@ fn way_to_a_vessel_that_is_not_received() {
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // Without a sortie the drone seeks a vessel that is near enough, and only when the charge requires it.
+    // A drone that is on no sortie seeks a vessel only if it is near enough and the charge requires it.
     let stays = MissionProgress {
         sortie: false,
         ..called

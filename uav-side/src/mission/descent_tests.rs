@@ -15,7 +15,7 @@ use crate::fixtures::{drone, forecast, header, level};
 
 #[test]
 fn flare_clearance() {
-    // Continuing is safer when the deck has risen to the drone.
+    // Continuing is safer if the deck has risen to the drone.
     let risen = with_deck(|d| (d.clearance_m, d.distance_m) = (0.6, 0.7));
     let low = with_deck(|d| d.clearance_m = 0.85);
     let rows = [
@@ -77,7 +77,7 @@ fn soft_violations_below_the_commit_clearance() {
     goes(&run(FREE_FLARE, &soft(0.85), 2.0), Tracking, VisionLost);
     let rows = [
         (soft(0.5), 2.0, Stay(Flare, VisionLost)),
-        // The deck has fallen away again and leaves time to decide.
+        // The deck has fallen away again, so there is time to decide.
         (soft(1.5), 2.0, Enter(Tracking, VisionLost)),
     ];
     table(COMMITTED, rows);
@@ -102,13 +102,13 @@ fn relative_place_instead_of_lost_tags() {
     let rows = [
         (lost(1.8, 0.2), 2.0, Stay(Descent, Descending)),
         (lost(0.85, 0.2), 0.0, Enter(Flare, FlareHeight)),
-        // The relative place expires, or the tags never confirmed it.
+        // The relative position expires, or the tags never confirmed it.
         (lost(1.8, 2.0), 1.0, Enter(Tracking, VisionLost)),
         (lost(1.8, f64::INFINITY), 1.0, Enter(Tracking, VisionLost)),
     ];
     table(DESCENT, rows);
     waits(&run(FREE_FLARE, &lost(0.85, 0.2), 1.0), Flare, Flaring);
-    // A descent begins only with the tags.
+    // A descent begins only if the tags are detected.
     let undetected_s = config().descent_vision_s + 0.5;
     let above = with_deck(|d| (d.vision_age_s, d.relative_age_s) = (undetected_s, 0.2));
     waits(

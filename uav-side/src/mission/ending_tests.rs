@@ -1,4 +1,4 @@
-//! Tests of orders that wait or belong to a previous flight, and of doubtful heights.
+//! Tests of orders that wait or belong to a previous flight, and of doubtful deck heights.
 
 use alight_shared::msg::ReasonCode::{HeightsDisagree, NotCommanded, NotFlying, OffHeight, OrderExpired};
 use alight_shared::msg::{AutopilotMode, CommandKind};
@@ -7,7 +7,6 @@ use super::situation::Deck;
 use super::tests::*;
 use super::*;
 
-/// The order waits for a minute at most.
 #[test]
 fn order_that_waits_for_a_flight() {
     let given = at(10.0);
@@ -61,7 +60,7 @@ fn order_of_the_flight_before() {
     assert_eq!(step(&d, &fair()).phase.state(), State::GetAltitude);
 }
 
-/// While a second source contradicts the deck's height, the approach stays above both, without a descent.
+/// While a second source contradicts the deck's height, the approach stays above both heights and no descent begins.
 #[test]
 fn heights_that_disagree_in_every_phase() {
     let doubtful = with(|s| {
@@ -80,7 +79,6 @@ fn heights_that_disagree_in_every_phase() {
     for phase in [DESCENT, FREE_FLARE] {
         goes(&run(phase, &doubtful, 1.0), State::Tracking, HeightsDisagree);
     }
-    // A committed flare continues.
     let low = Situation {
         deck: doubtful.deck.map(|d| Deck {
             clearance_m: 0.4,

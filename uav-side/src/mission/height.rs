@@ -1,8 +1,8 @@
-//! Second sources (witnesses) of the deck's height, for or against the forecast before a drone goes lower.
+//! Second sources (witnesses) of the deck's height, which confirm or contradict the forecast before a drone descends.
 //!
-//! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers'
-//! heights, and a receiver that ignores the geoid is wrong by up to 100 m. A second source therefore has to
-//! agree within its error (deck level, NED z, against the forecast's):
+//! Until a camera detects the deck, its height in the drone's NED is the difference of two receivers' heights, and a
+//! receiver that ignores the geoid is wrong by up to 100 m. The deck level (NED z) of a second source must therefore
+//! agree with the forecast's within the source's error:
 //!
 //! | witness | deck level | error |
 //! |---|---|---|
@@ -11,12 +11,12 @@
 //! | camera | forecast during and since a detection | drift, as for a take-off |
 //! | rangefinder | surface below, water or deck: no confirmation, but the drone stays above it | 0.1 m |
 //!
-//! A relative place that the tags have confirmed has the role of the camera.
+//! A relative position that the tags have confirmed counts as the camera.
 //!
-//! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error, and the
-//! drone stays high enough for both levels. Without a witness it stays no lower than a pilot has flown it.
-//! Mean sea level is no witness if the drone has been lower (an inland water below sea level), and
-//! contradicts no height that a take-off from the deck confirms.
+//! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error, and the drone
+//! then stays high enough for both levels. Without a witness it flies no lower than a pilot has flown it. Mean sea
+//! level does not count as a witness if the drone has been lower (inland water below sea level), and it cannot
+//! contradict a height that a take-off from the deck confirms.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
@@ -29,32 +29,31 @@ use super::phase::DroneTime;
 use super::situation::relative_age_s;
 use crate::mission_config::MissionConfig;
 
-/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS
-/// receivers. The minimum altitude depends on it, and a wrong forecast (once 20 m below the water, by an
-/// estimator without tilt) must not lower it. A permanent jump of the frame counts as an origin reset.
+/// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS receivers.
+/// The minimum altitude depends on it, and a wrong forecast (such as a deck 20 m below the water, from an estimator
+/// without tilt) must not lower it. A permanent jump of the frame counts as an origin reset.
 const LEVEL_MPS: f64 = 0.2;
-/// Largest standard deviation of a detected deck's height, m: less than by two receivers, more than by a
-/// camera.
+/// Maximum standard deviation of a detected deck's height, m: below that of two receivers, above that of a camera.
 const VISION_SD_M: f64 = 0.5;
 
-/// Error of the levels by a take-off and by the last detection, m: a barometer drifts by 1 to 4 m in ten
-/// minutes, and the deck's heave is not averaged.
+/// Error of the levels from a take-off and from the last detection, m: a barometer drifts by 1 to 4 m in ten minutes,
+/// and the deck's heave is not averaged.
 const FLIGHT_DRIFT_M: f64 = 5.0;
-/// Error of mean sea level, m: tides of up to 4 m from the mean, two receivers of 2 m each, and geoid models of 1 m.
+/// Error of mean sea level, m: tides of up to 4 m from the mean, two receivers at 2 m each, and geoid models at 1 m.
 const SEA_LEVEL_M: f64 = 8.0;
-/// Distance from the forecast deck's centre of a disarmed drone on the deck, m: two receivers.
+/// Maximum distance between the forecast deck's centre and a disarmed drone on the deck, m: two receivers.
 const ON_DECK_M: f64 = 4.0;
 
-/// Time for which a surface must be read before its use, and for which it stays in use, s.
+/// Time for which a surface must be measured before it is used, and for which it then stays in use, s.
 const SURFACE_LASTS_S: f64 = 0.5;
 const SURFACE_STALE: Span = Span::from_millis(500);
-/// Difference of readings from different surfaces, m: more than waves and less than a deck's edge.
+/// Difference between readings of different surfaces, m: more than waves and less than a deck's edge.
 const SURFACE_JUMP_M: f64 = 3.0;
 const SURFACE_TIME_S: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Surface {
-    /// Time of the first and newest reading, and the surface's NED z, m.
+    /// Times of the first and newest reading, and the surface's NED z, m.
     observed: Option<(DroneTime, DroneTime, f64)>,
 }
 
@@ -70,7 +69,7 @@ impl Surface {
             None => z.is_finite().then_some((at, at, z)),
         };
     }
-    /// NED z, m; None until readings have lasted.
+    /// Level of the surface, NED z, m; None until readings have lasted.
     pub(super) fn level(&self, now: DroneTime) -> Option<f64> {
         let (since, last, level) = self.observed?;
         (now - last <= SURFACE_STALE && (last - since).secs() >= SURFACE_LASTS_S).then_some(level)
@@ -79,24 +78,23 @@ impl Surface {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeightInput {
-    /// Deck's mean level in the newest forecast, NED z, m.
+    /// Mean level of the deck in the newest forecast, NED z, m.
     pub(super) forecast_z: Option<f64>,
-    /// Whether the camera, or a relative place that the tags have confirmed, gives the deck's position.
+    /// Whether the deck's position comes from the camera, or from a relative position that the tags have confirmed.
     pub(super) observed: bool,
     /// NED z of the centre of mass, m; None without fresh odometry.
     pub(super) own_z: Option<f64>,
-    /// Feet below the centre of mass, m.
+    /// Distance of the feet below the centre of mass, m.
     pub(super) feet_m: f64,
     pub(super) distance_m: f64,
     pub(super) landed: LandedState,
     pub(super) armed: bool,
     /// Height of the origin above mean sea level, m.
     pub(super) origin_sea_m: Option<f64>,
-    /// Whether the mission commands the drone's height.
     pub(super) flies: bool,
 }
 
-/// Levels by each witness, in the drone's present NED.
+/// Deck level of each witness, in the drone's current NED.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct HeightWitnesses {
     /// Mean sea level, NED z, m.
@@ -105,24 +103,23 @@ pub(super) struct HeightWitnesses {
     take_off_z: Option<f64>,
     /// Level of the deck while the camera detected it, NED z, m.
     vision_z: Option<f64>,
-    /// Lowest height to which others have flown the drone, NED z, m.
+    /// Lowest height to which another authority has flown the drone, NED z, m.
     proven_z: Option<f64>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Heights {
-    /// Highest deck level of the forecast and contradicting witnesses, NED z, m.
+    /// Highest deck level of the forecast and any contradicting witnesses, NED z, m.
     pub(super) deck_z: Option<f64>,
     /// Highest level of the water, NED z, m: mean sea level or above until the camera has detected the deck.
     pub(super) water_z: Option<f64>,
-    /// Lower limit of the drone's height, NED z, m; None if only its heights over the deck apply.
+    /// Lower limit of the drone's height, NED z, m; None if only the heights above the deck apply.
     pub(super) lowest_z: Option<f64>,
-    /// Reason for that limit.
     pub(super) doubt: Option<Reason>,
 }
 
 impl Heights {
-    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. It does not make the
+    /// Adds the limit `clear_m` above a surface at `surface_z` for a drone at `own_z`. The limit does not make the
     /// drone climb, because a range that is too short would follow the drone upwards.
     pub(super) fn above_surface(self, surface_z: f64, own_z: f64, above_m: f64, clear_m: f64) -> Heights {
         let lowest = (surface_z - clear_m).max(own_z);
@@ -144,7 +141,6 @@ impl Heights {
 }
 
 impl HeightWitnesses {
-    /// Clears all levels after a jump of the frame.
     pub(super) fn forget(&mut self) {
         *self = HeightWitnesses::default();
     }
@@ -153,7 +149,7 @@ impl HeightWitnesses {
         self.sea_z = i.origin_sea_m;
         let stands = !i.armed || i.landed == LandedState::OnGround;
         if let Some(z) = i.own_z {
-            // From the ground a drone climbs clear of the waves first.
+            // A drone on the ground climbs clear of the waves first.
             let z = if stands { z - c.minimum_altitude_m } else { z };
             if !i.flies || self.proven_z.is_none() {
                 self.proven_z = Some(self.proven_z.map_or(z, |p| p.max(z)));
@@ -169,13 +165,13 @@ impl HeightWitnesses {
         }
     }
 
-    /// Mean sea level unless the drone itself has been lower, NED z, m.
+    /// Mean sea level, NED z, m; None if the drone itself has been lower.
     fn sea_z(&self) -> Option<f64> {
         let below = |sea: &f64| self.proven_z.is_some_and(|p| p > sea + SEA_LEVEL_M);
         self.sea_z.filter(|sea| !below(sea))
     }
 
-    /// Levels of the deck with their errors, m; `deck_m`: deck over still water.
+    /// Deck levels with their errors, m. `deck_m`: height of the deck above still water.
     fn levels(&self, deck_m: f64) -> [Option<(f64, f64)>; 3] {
         [
             self.take_off_z.map(|z| (z, FLIGHT_DRIFT_M)),
@@ -189,7 +185,7 @@ impl HeightWitnesses {
         let [take_off, sea, observed] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, observed])
     }
-    /// Whether the forecast-independent witnesses confirm the level.
+    /// Whether witnesses that do not depend on the forecast confirm the level.
     pub(super) fn confirm_aside(&self, z: f64, deck_m: f64) -> bool {
         let [take_off, sea, _] = self.levels(deck_m);
         self.agree(z, deck_m, [take_off, sea, None])
@@ -199,7 +195,6 @@ impl HeightWitnesses {
         self.contradiction(z, deck_m).is_none() && levels.iter().flatten().any(near)
     }
 
-    /// Highest contradicting level, with its error.
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
         let [take_off, sea, observed] = self.levels(deck_m);
         let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);
@@ -210,8 +205,8 @@ impl HeightWitnesses {
             .reduce(|a, b| if b.0 < a.0 { b } else { a })
     }
 
-    /// Assesses a deck at the mean level `mean_z` and at the newest forecast's, NED z, m; `deck_m`: deck over
-    /// still water, `above_m`: approach over the deck.
+    /// Assesses a deck at the mean level `mean_z` and at the newest forecast's level (NED z, m). `deck_m`: height of
+    /// the deck above still water; `above_m`: approach height above the deck.
     pub(super) fn judge(
         &self,
         mean_z: Option<f64>,
@@ -278,7 +273,7 @@ impl MissionNode {
                 distance_m: apart.map_or(f64::INFINITY, |r| r.xy().norm()),
                 landed: a.landed,
                 armed: a.armed,
-                // In the frame that is continuous across jumps of the estimate.
+                // Converted to the frame that is continuous across jumps of the estimate.
                 origin_sea_m: a.origin_sea_m.zip(own).map(|(m, d)| m + d.datum_offset[2]),
                 flies: self.phase.flies(),
             };
@@ -349,7 +344,7 @@ mod tests {
         h.doubt.map(|why| why.code)
     }
 
-    /// With a receiver that ignores the geoid the deck is 22 to 51 m too low, or too high.
+    /// With a receiver that ignores the geoid the deck appears 22 to 51 m too low or too high.
     #[test]
     fn height_against_mean_sea_level() {
         let at_sea = HeightInput {
@@ -365,11 +360,11 @@ mod tests {
             assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
             assert!((h.lowest_z.unwrap() - (true_z - ABOVE_M)).abs() < 1e-9, "{h:?}");
             assert!((h.water_z.unwrap() - 10.0).abs() < 1e-9, "{h:?}");
-            // With too high a deck the drone stays too far above it, at a safe height.
+            // If the deck appears too high, the drone stays too far above it, which is safe.
             let h = judged(&w, true_z - wrong_m);
             assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         }
-        // A wrong level in the newest forecast shows before the mean has followed.
+        // A wrong level in the newest forecast shows before the mean has followed it.
         let h = w.judge(Some(true_z), Some(true_z + 30.0), DECK_M, ABOVE_M);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
     }
@@ -381,7 +376,7 @@ mod tests {
         let h = judged(&w, 5.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightUnconfirmed));
         assert_eq!(h.lowest_z, Some(-20.0));
-        // A drift under the mission does not lower the limit; a pilot's flight does.
+        // A drift under the mission's control does not lower the limit; a pilot's flight does.
         let drifts = HeightInput {
             flies: true,
             ..airborne(-17.0)
@@ -405,7 +400,6 @@ mod tests {
     #[test]
     fn height_on_waters_above_and_below_the_sea() {
         for (water_m, contradicts) in [(400.0, false), (-430.0, false), (-3.0, false)] {
-            // The origin is on the water.
             let lake = HeightInput {
                 origin_sea_m: Some(water_m),
                 ..airborne(-10.0)
@@ -416,7 +410,7 @@ mod tests {
         }
     }
 
-    /// Radio and sea level share the origin's error; the rangefinder measures the approaching water.
+    /// Radio and sea level have the same origin error; the rangefinder measures the approaching water.
     #[test]
     fn height_above_the_surface_that_the_rangefinder_sees() {
         let deck_z = 40.0;
@@ -425,7 +419,7 @@ mod tests {
             ..Heights::default()
         };
         let observed = |surface_z: f64, own_z: f64| sound.above_surface(surface_z, own_z, ABOVE_M, 3.0);
-        // The deck, or water below it; a mast of 8 m.
+        // The deck, water below it, or a mast of 8 m.
         for surface_z in [deck_z, deck_z + DECK_M, deck_z - 8.0] {
             assert_eq!(observed(surface_z, deck_z - 20.0), sound);
         }
@@ -434,7 +428,7 @@ mod tests {
             (h.lowest_z, code(&h)),
             (Some(-3.0), Some(ReasonCode::HeightsDisagree))
         );
-        // The drone is already too low, or the beam ends at its feet: the limit is the present height.
+        // The drone is already too low, or the beam ends at its feet: the limit is the current height.
         assert_eq!(observed(0.0, -1.0).lowest_z, Some(-1.0));
         assert_eq!(observed(-50.0, -50.5).lowest_z, Some(-50.5));
 
@@ -445,7 +439,7 @@ mod tests {
             surface.update(at(t), 1.0);
             assert_eq!(surface.level(at(t)), None);
         }
-        // One reading of spray restarts the surface.
+        // A single reading of spray restarts the surface.
         surface.update(at(10.4), -8.0);
         for k in 1..40 {
             surface.update(at(10.4 + 0.02 * f64::from(k)), 1.0);

@@ -76,7 +76,6 @@ fn abort_in_every_flying_state() {
     }
 }
 
-/// Outcomes for a drone whose feet rest on the deck.
 fn on_the_deck() -> ContactOutcomes {
     ContactOutcomes {
         rests: true,
@@ -84,7 +83,7 @@ fn on_the_deck() -> ContactOutcomes {
     }
 }
 
-/// Low over the deck, with a climb that would hit the deck at this speed.
+/// Low above the deck, with a climb that would hit the deck at this speed.
 fn low(contact_mps: f64) -> Situation {
     with_deck(|d| (d.clearance_m, d.ends) = (0.3, Some(ContactOutcomes::of_speeds(0.5, Some(contact_mps)))))
 }
@@ -102,7 +101,7 @@ fn abort_with_a_climb_into_the_deck() {
         for s in [low(0.8), on_it] {
             let d = commanded(COMMITTED, command, &s);
             waits(&d, State::Flare, CompletesLanding);
-            // A second order has no effect, even when the climb becomes possible.
+            // A second order has no effect, even once the climb becomes possible.
             let d = commanded(&d, command, &low(0.1));
             waits(&d, State::Flare, CompletesLanding);
             let mut stopped = s;
@@ -192,7 +191,6 @@ fn abort_of_an_idle_drone() {
         let d = commanded(idle, CommandKind::Abort, &s);
         waits(&d, State::Idle, Operator);
         waits(&step(&d, &s), State::Idle, Operator);
-        // A second order has no effect.
         waits(&commanded(&d, CommandKind::Abort, &s), State::Idle, Operator);
         waits(&commanded(&d, CommandKind::Land, &s), State::Idle, NotFlying);
     }
@@ -208,7 +206,7 @@ fn abort_after_a_touchdown() {
     };
     let d = commanded(MissionPhase::LANDED, CommandKind::Abort, &in_air(true));
     goes(&d, State::GaveUp, Operator);
-    // The pilot's false stop is ignored until withdrawn; its next stop is accepted.
+    // A false stop by the pilot node is ignored until withdrawn; its next stop is accepted.
     let d = step(&d, &in_air(true));
     assert_eq!(d.phase.state(), State::GaveUp);
     let d = step(&d, &in_air(false));
@@ -222,7 +220,7 @@ fn abort_after_a_touchdown() {
         assert_eq!(d.phase.state(), State::Landed);
         assert_eq!(run(&d, &on_deck, 5.0).phase.state(), State::Landed);
     }
-    // Without a thrust the height above the deck shows a flight, and without a height the pilot's mode.
+    // Without a thrust report the height above the deck shows that the drone flies; without a height, the pilot's mode.
     let silent = |mut s: Situation| {
         s.rotors_carry = None;
         s
@@ -247,7 +245,7 @@ fn abort_after_a_touchdown() {
             State::Landed
         );
     }
-    // Without an order the rotors have to carry the drone for a second.
+    // If no landing is ordered, the rotors must carry the drone for a second.
     let d = run(MissionPhase::LANDED, &in_air(true), 0.9);
     assert_eq!(d.phase.state(), State::Landed);
     let d = run(MissionPhase::LANDED, &in_air(true), 1.5);
@@ -271,7 +269,7 @@ fn last_attempt() {
             goes(&d, State::GaveUp, OutOfRetries);
         }
     }
-    // No further descent begins, however the drone came back above the deck.
+    // No further descent begins, whichever way the drone has returned above the deck.
     let d = step((MissionPhase::TrackingStable, progress), &fair());
     goes(&d, State::GaveUp, OutOfRetries);
 }
@@ -283,7 +281,7 @@ fn completion_of_a_landing_without_data() {
         ContactOutcomes::of_speeds(0.5, None),
         ContactOutcomes::of_speeds(0.5, Some(harder)),
     );
-    // Without odometry no set-point is sent, and leaving is decided later.
+    // Without odometry no set-point is sent, and the decision to leave is postponed.
     for (clearance_m, ends, age_s, state, undetected) in [
         (0.02, on_the_deck(), 0.4, State::Flare, State::Flare),
         (0.02, on_the_deck(), 1.1, State::Hold, State::Hold),
@@ -344,7 +342,6 @@ fn order_after_a_set_point_loss_and_a_takeover() {
     goes(&d, State::Idle, NotFlying);
     assert!(d.progress.landing);
     let d = run(&d, &holds, 5.0);
-    // The set-points are back, and the landing starts again.
     goes(&step(&d, &fair()), State::GetAltitude, Commanded);
     for mode in [AutopilotMode::Other, AutopilotMode::Hold, AutopilotMode::Return] {
         let taken = step(&d, &with(|s| s.flight = ControlState::OtherControl(mode)));

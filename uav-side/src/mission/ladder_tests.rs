@@ -1,4 +1,4 @@
-//! Tests of the modes before a first landing: shadow and match.
+//! Tests of the modes that precede a first landing: shadow and match.
 
 use alight_shared::msg::ReasonCode::{
     BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost,
@@ -17,7 +17,6 @@ fn matching() -> MissionConfig {
         ..config()
     }
 }
-/// One step of a mission in match mode, from a descent.
 fn step_at(d: &Decision, s: &Situation, command: Option<CommandKind>) -> Decision {
     decide(d.phase, d.progress, command, s, &matching())
 }
@@ -42,7 +41,6 @@ fn match_for_its_time() {
     waits(&d, State::Descent, DescendingTo);
     for k in 0..=100 {
         let t = 12.0 + 0.1 * f64::from(k);
-        // The deck heaves a little below the drone.
         d = step_at(&d, &at_clearance(t, 2.5 + 0.3 * t.sin()), None);
         if k < 100 {
             waits(&d, State::Descent, Matching);

@@ -1,4 +1,4 @@
-//! Evidence for a take-off: its probability, the rotors' thrust, the rise, and whether the drone stands.
+//! Evidence for a take-off: its probability, rotor thrust, rise, and whether the drone stands.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{RangeSample, State};
@@ -12,22 +12,22 @@ use super::situation::{ControlState, Situation, hover_thrust};
 use crate::lift_off::{LIES_BELOW_M, Rise};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
 
-/// Fraction of hover thrust, by the autopilot's report, above which rotors turn: a third of idle.
+/// Reported thrust above which the rotors turn, as a fraction of hover: a third of idle.
 const TURN_OF_HOVER: f64 = 0.1;
 /// Thrust that cannot lift the drone, and thrust that lifts it unless its feet stick, as fractions of hover.
 const IDLE_OF_HOVER: f64 = 0.7;
 const LIFTS_OF_HOVER: f64 = 1.05;
-/// Maximum age of odometry and rotor reports that show that nothing has moved, s.
+/// Maximum age of odometry and rotor reports as evidence that nothing has moved, s.
 const RECENT_S: f64 = 0.2;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct LeavingMonitor {
     range: Option<RangeSample>,
-    /// Rise since the rotors could first lift the drone; None if that was missed.
+    /// Rise since the rotors could first lift the drone; None if that moment was missed.
     rise: Option<Rise>,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// Last evidence that the drone stands, or start of the observation.
+    /// Time of the last evidence that the drone stands, or start of the observation.
     witnessed: Option<DroneTime>,
     turn: Option<DroneTime>,
     lift: Option<DroneTime>,

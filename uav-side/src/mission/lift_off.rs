@@ -1,4 +1,4 @@
-//! Probability that a take-off at a given time leaves the deck safely, by the same forecast as landings.
+//! Probability that a take-off at a given time leaves the deck safely, from the forecast that landings use.
 //!
 //! A foot may touch the deck again, so both limits are those of a contact ([`MAX_MPS`]):
 //!
@@ -7,10 +7,10 @@
 //! | speed along the deck, m/s | `t_l (T n + w - a)` | `t_l T sd(tilt)`, `t_l sd(a)`, gusts |
 //! | gap over the deck, m | the climb's law over the forecast deck | `s sd(w)`, `s² sd(a) / 2` |
 //!
-//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a`
-//! are the horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has
-//! levelled. The gap has to stay open at every time `s` of the forecast. A level deck that has just risen
-//! suits both limits best, because it then falls away below the drone.
+//! `T` is the specific thrust of the jump along the deck's normal, whose horizontal part is `n`; `w` and `a` are the
+//! horizontal accelerations due to the wind and of the deck; `t_l` is the time until the drone has levelled. The gap
+//! must stay open at every time `s` of the forecast. Both probabilities are highest on a level deck at the top of its
+//! rise, because it then falls away below the drone.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::landing::normal::{below, inside, norm, smaller};
@@ -22,19 +22,18 @@ use nalgebra::Vector3;
 use crate::contingency::Climb;
 use crate::mission_config::MissionConfig;
 
-/// Time from the decision until the rotors carry the drone, s: two periods, link, rotors' lag, part of the
-/// ramp.
+/// Time from the decision until the rotors carry the drone, s: two periods, the link, rotor lag, and part of the ramp.
 const LAG_S: f64 = 0.25;
-/// Time from lift-off to level, s: 0.2 s until the feet are clear, half of the attitude's 0.2 s.
+/// Time from lift-off until level, s: 0.2 s until the feet are clear, and half of the attitude's 0.2 s.
 const LEVELS_S: f64 = 0.3;
 /// Times after lift-off at which the gap is checked, s: first, step and last.
 const GAP_FROM_S: f64 = 0.3;
 const STEP_S: f64 = 1.0 / 16.0;
 const GAP_UNTIL_S: f64 = 1.5;
-/// Standard deviations due to pilot and feet, of the gap, m, and of the speed along the deck, m/s.
+/// Standard deviations due to pilot and feet: of the gap, m, and of the speed along the deck, m/s.
 const GAP_SD_M: f64 = 0.03;
 const ALONG_SD_MPS: f64 = 0.1;
-/// Spacing of the later lift-off times, and the latest one, s.
+/// Spacing of the later lift-off times, and the latest, s.
 const GRID_S: f64 = 0.25;
 const AHEAD_S: f64 = 2.0;
 /// Upper bound of the probability, for effects outside the model.
@@ -42,13 +41,10 @@ const MAX: f64 = 0.99;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LiftOff {
-    /// Probability that the speed along the deck stays within its limit.
     pub along: f64,
-    /// Probability that the gap stays open.
     pub clear: f64,
 }
 
-/// Probabilities of a take-off now and at the best later time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
     pub now: LiftOff,
@@ -57,7 +53,6 @@ pub struct Moments {
 }
 
 impl LiftOff {
-    /// Probability of meeting both limits.
     pub fn whole(&self) -> f64 {
         let p = self.along * self.clear;
         if p.is_finite() { p.min(MAX) } else { 0.0 }
@@ -74,7 +69,7 @@ impl LiftOff {
 }
 
 impl Moments {
-    /// Reason against a take-off now: too low a probability, or a later lift-off that is worth waiting for.
+    /// Reason against a take-off now: its probability is too low, or a later lift-off is worth waiting for.
     pub fn not_now(&self, c: &MissionConfig) -> Option<Reason> {
         let p = self.now.whole();
         self.now.below(c.min_probability).or_else(|| {
@@ -127,7 +122,7 @@ impl LiftOffConditions<'_> {
             clear: self.clear(leaves, &deck)?,
         })
     }
-    /// Probability of a harmless speed along the deck once the drone has levelled.
+    /// Probability of a harmless speed along the deck until the drone has levelled.
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);
@@ -145,7 +140,6 @@ impl LiftOffConditions<'_> {
         }
         inside(LEVELS_S * parts.norm(), sd, MAX_MPS)
     }
-    /// Probability that the deck does not rise into the drone.
     fn clear(&self, leaves: Time<DroneClock>, deck: &DeckStage) -> Option<f64> {
         let half_span_m = 0.5 * self.drone.feet_span_m[0].hypot(self.drone.feet_span_m[1]);
         let z = deck.position[2];

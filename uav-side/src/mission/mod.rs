@@ -1,12 +1,11 @@
-//! Mission: permissions for the planner, with the reasons for every restriction.
+//! Mission: grants permissions to the planner, with the reason for every restriction.
 //!
-//! Reading order: `transition` (the state machine as a pure function), `concerns` (interruptions of every
-//! state, with `charge`), `states` (the state table), `phase` (states and their data), `search` and `seek`
-//! (the way to a deck that is known by a beacon alone, or not received), `situation` (every assessed
-//! quantity), `height` (confirmation of the deck's height), `outlook` (probability of a landing, with
-//! `staying` for the time on the deck), `take_off`, `lift_off` and `leaving` (the take-off), `cycles`
-//! (consecutive sorties), `waiting` (value of a better moment), and `checkpoint` (state that outlives the
-//! process). This file stores the inputs and writes the output.
+//! Reading order: `transition` (the state machine as a pure function), `concerns` (interruptions of every state, with
+//! `charge`), `states` (the state table), `phase` (states and their data), `search` and `seek` (the path to a deck that
+//! only a beacon reports, or to a vessel that is not received), `situation` (every assessed quantity), `height`
+//! (confirmation of the deck's height), `outlook` (probability of a landing, with `staying` for the time on the deck),
+//! `take_off`, `lift_off` and `leaving` (the take-off), `cycles` (consecutive sorties), `waiting` (value of a better
+//! moment), and `checkpoint` (state that outlives the process). This file stores the inputs and writes the output.
 
 mod answers;
 mod assessment;
@@ -111,9 +110,9 @@ pub struct MissionIn {
     pub drone: Option<DroneState>,
     pub autopilot: Option<AutopilotState>,
     pub plan: Option<Plan>,
-    /// The `motors` field reports the touchdown.
+    /// Newest set-point; its `motors` field reports the touchdown.
     pub set_point: Option<SetPoint>,
-    /// In the order of arrival.
+    /// In order of arrival.
     pub commands: Vec<Command>,
     pub settings: Option<SettingsOrder>,
     pub deck: Option<DeckGrant<DroneClock>>,
@@ -128,7 +127,7 @@ pub struct MissionOut {
     /// Published at 50 Hz, and at once on a change of state.
     pub state: Option<MissionState>,
     pub checkpoint: Option<MissionCheckpoint>,
-    /// Published once at the start, with the rejection of the predecessor's checkpoint.
+    /// Published once at the start, if the predecessor's checkpoint was rejected.
     pub rejected: Option<CheckpointRejection>,
 }
 
@@ -155,7 +154,7 @@ wiring! {
 const PERIOD: Span = Span::from_millis(20);
 #[derive(Clone, Debug, Default)]
 pub struct MissionNode {
-    /// Heights are above all volumes around the deck.
+    /// Configuration with heights above all volumes around the deck.
     config: MissionConfig,
     settings: MissionSettings,
     drone_geometry: DroneGeometry,
@@ -184,15 +183,14 @@ pub struct MissionNode {
     /// Time of the newest forecast, whether a landed drone stays on the deck, and the odds of a landing.
     judged: Option<(Time<DroneClock>, Staying, Option<Odds>)>,
     battery: BatteryMonitor,
-    /// State of the vessel when its deck was last known.
     last_vessel: Option<LastVessel>,
-    /// Target of the feet from the deck's centre, NED, m; fixed before the descent.
+    /// Target of the feet relative to the deck's centre, NED, m; fixed before the descent.
     meets: [f64; 2],
     leaving: LeavingMonitor,
-    /// Times of the reasons against the ordered landing.
+    /// Time spent on each reason against the ordered landing.
     waited: WaitingTimes,
 
-    /// Delay of a forced descent after the drone is first steady, and resulting time.
+    /// Delay of a forced descent after the drone is first steady, and the resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
     succession: MissionSuccession,
     phase: MissionPhase,
@@ -227,13 +225,12 @@ impl MissionNode {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// For simulations: starts a descent this long after the drone is first steady, at any probability.
+    /// Starts a descent this long after the drone is first steady, at any probability. For simulations.
     #[must_use]
     pub fn forced_descent(mut self, after: Option<Span>) -> Self {
         self.forced_descent = after.map(|after| (after, None));
         self
     }
-    /// Waits for a predecessor's checkpoint first.
     #[must_use]
     pub fn as_successor(mut self) -> Self {
         self.succession.beginning = Some(MissionStartUp::default());
@@ -254,7 +251,7 @@ impl MissionNode {
             moved_m = before.and_then(|before| m.origin_moved_m(&before));
         }
         if let Some(by_m) = moved_m {
-            // Forecast, plan and level are in the frame before the jump.
+            // Forecast, plan and level refer to the frame before the jump.
             self.forecast.forget();
             self.plan.forget();
             self.mean_deck_z = None;
@@ -293,13 +290,12 @@ impl MissionNode {
         self.keep_range(&input.ranges);
     }
 
-    /// Sets tracking and approach heights: above all volumes, and lower over a vessel known by its tags
-    /// alone.
+    /// Sets the tracking and approach heights: above all volumes, and lower above a vessel known only by its tags.
     fn raise_heights(&mut self) {
         let forecast = self.forecast.get();
         let lowest_m = forecast.map_or(0.0, |f| f.surroundings.wait_height_m());
         let tracking_m = self.settings.tracking_height_m;
-        // The drone goes higher to find a lost deck again.
+        // The drone climbs to find a lost deck again.
         let by_tag = forecast.is_some_and(|f| {
             f.vessel_level() == VesselLevel::Tag && f.vision_age_s <= self.config.vision_lost_s
         });
@@ -312,11 +308,11 @@ impl MissionNode {
         self.config.tracking_height_m = tracking_m.max(lowest_m);
         self.config.approach_height_m = self.settings.approach_height_m.max(lowest_m);
     }
-    /// Settings may change unless the drone may fly or has an order to land or to take off.
+    /// Settings may change unless the drone may fly or has an order to land or take off.
     fn is_settable(&self, s: &Situation) -> bool {
         s.flight == ControlState::Disarmed && !self.progress.landing && !self.phase.stands()
     }
-    /// Applies a ground station's settings, if they are within the configuration's limits and may change.
+    /// Applies a ground station's settings if they are within the configuration's limits and may change.
     fn set(&mut self, now: Time<DroneClock>, order: &SettingsOrder, s: &Situation) {
         let age = now - order.header.at;
         let fresh = (Span::ZERO..=topics::SETTINGS.stale_after).contains(&age);
@@ -332,7 +328,6 @@ impl MissionNode {
         }
     }
 
-    /// Returns to tracking after the maximum time in a landing state.
     fn limit_duration(&self, decision: Decision, now: Time<DroneClock>, s: &Situation) -> Decision {
         let limit = match decision.phase.state() {
             State::Descent => {
@@ -374,8 +369,8 @@ impl MissionNode {
         }
     }
 
-    /// Adds `dt` (s) to the reason that keeps the drone from its landing. A crew whose landing took too long is shown
-    /// the reason that was in the way for longest.
+    /// Adds `dt` (s) to the reason that delays the landing. If a landing takes too long, the crew is shown the reason
+    /// that delayed it longest.
     fn account(&mut self, dt: f64, mut decision: Decision, s: &Situation) -> Decision {
         if decision.progress.started != self.progress.started {
             self.waited = WaitingTimes::default();
@@ -395,7 +390,7 @@ impl MissionNode {
         decision
     }
 
-    /// Permitted speed of descent, m/s: zero unless deck, vision and control are available now.
+    /// Permitted descent speed, m/s: zero unless deck, vision and control are available now.
     fn permitted_descent(&self, s: &Situation) -> f64 {
         let c = &self.config;
         let controlled = matches!(s.flight, ControlState::Ours | ControlState::OnGround);
@@ -408,7 +403,7 @@ impl MissionNode {
         {
             return c.descent_mps;
         }
-        // A committed flare continues blind for a limited time.
+        // A committed flare continues without vision for a limited time.
         if let MissionPhase::Flare { committed, .. } = self.phase
             && (deck.located_age_s() <= blind_limit(deck)
                 || (committed && deck.located_age_s() <= RADIO_BLIND_S + c.flare_timeout_s))
@@ -419,7 +414,6 @@ impl MissionNode {
     }
 
     fn adopt(&mut self, now: Time<DroneClock>, decision: &Decision, s: &Situation) {
-        // A pilot has taken over after a set-point loss.
         let taken = self.progress.set_points_lost && !decision.progress.set_points_lost;
         self.progress = decision.progress;
         let was = self.phase.state();
@@ -475,7 +469,7 @@ impl MissionNode {
             attempts: self.progress.attempts,
             height_m: place.height_m,
             descent_mps: self.permitted_descent(s),
-            // The altitude is in the drone's NED, which differs from the water level by a GNSS error.
+            // The altitude is in the drone's NED, in which the water level is offset by a GNSS error.
             minimum_altitude_m: (altitude - s.water_z).max(lowest_m),
             hold_position: place.at.into(),
             hold_yaw: place.yaw,

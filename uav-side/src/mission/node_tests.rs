@@ -79,7 +79,7 @@ fn tracking_height_over_a_silent_vessel() {
     assert_eq!(height(3, 0.05, 0.05), configured);
 }
 
-/// Wrong forecasts lower the minimum altitude, relative to the long-term water level, by 0.2 m/s at most.
+/// Wrong forecasts lower the minimum altitude, relative to the long-term water level, by at most 0.2 m/s.
 #[test]
 fn minimum_altitude_with_a_forecast_below_the_water() {
     let mut m = node();
@@ -88,7 +88,6 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
         let t = at(1.0 + f64::from(k) * 0.01);
         let mut input = fresh_input(k, t, [0.0, 0.0, -8.3]);
         if k >= 500 {
-            // The forecast deepens in steps.
             let depth = 4.0 + 4.0 * f64::from((k - 500) / 100);
             input.forecast = Some(deck(k, t, depth));
         }
@@ -104,7 +103,7 @@ fn minimum_altitude_with_a_forecast_below_the_water() {
     assert!(last < first && last > first - 0.2 * 10.0 - 1e-6, "{last}");
 }
 
-/// The crew of a landing that took too long is shown the reason that lasted longest, and its time.
+/// If a landing takes too long, the crew is shown the reason that lasted longest, and its duration.
 #[test]
 fn reason_that_cost_a_landing_its_time() {
     let mut m = node();
@@ -124,8 +123,8 @@ fn reason_that_cost_a_landing_its_time() {
     assert_eq!(s.rejected.map(|why| why.code), Some(ReasonCode::OffHeight));
 }
 
-/// By radio the deck is 31 m too low, and no camera detects it: by mean sea level the drone stays 15 m above its real
-/// height.
+/// By radio the deck is 31 m too low, and no camera detects it. Using mean sea level, the drone stays 15 m above the
+/// deck's true height.
 #[test]
 fn heights_of_two_receivers_that_disagree() {
     let mut m = node();
@@ -175,12 +174,12 @@ fn waiting_and_leaving_among_volumes() {
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
     assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
-    // Beyond the volumes' 9 m plus the drone with its margin.
+    // Outside the volumes' 9 m plus the drone and its margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
 }
 
-/// A drone that is always at the mission's place, with a pilot that stops the motors at the deck.
+/// Drone that is always at the mission's target, with a pilot that stops the motors at the deck.
 #[test]
 fn landing_of_an_ideal_drone() {
     let mut m = node();
@@ -270,7 +269,7 @@ fn land(boot: u32, sequence: u32, given: f64) -> Command {
     command(Header::new(1, 1, boot, sequence, at(given)), CommandKind::Land)
 }
 
-/// A pilot returns the drone by remote control while the order is still repeated.
+/// A pilot hands the drone back by remote control while the order is still being repeated.
 #[test]
 fn repeated_landing_after_a_takeover() {
     for (repeated, state) in [
@@ -293,7 +292,7 @@ fn repeated_landing_after_a_takeover() {
     }
 }
 
-/// A pilot selects Hold or Brake, and OFFBOARD or GUIDED minutes later: a descent needs a new order.
+/// A pilot selects Hold or Brake, and minutes later OFFBOARD or GUIDED: a descent then needs a new order.
 #[test]
 fn order_after_a_hold_by_the_pilot() {
     let mode = AutopilotMode::Hold;
@@ -318,7 +317,7 @@ fn order_after_a_hold_by_the_pilot() {
     }
 }
 
-/// The next sequence number does not make a repetition an order to use the battery's reserve.
+/// A repetition with the next sequence number is not an order to use the battery's reserve.
 #[test]
 fn repeated_landing_below_the_reserve() {
     let mut m = node();
@@ -349,10 +348,10 @@ fn repeated_landing_below_the_reserve() {
 fn landing_of_another_operator_about_an_abort() {
     let land_at = |boot: u32, given: f64| land(boot, 9, given);
     for (land, state) in [
-        // The order was pending before the abort.
+        // The order was already pending before the abort.
         (land_at(7, 19.9), State::GaveUp),
         (land_at(7, 20.2), State::GaveUp),
-        // A later order by the sender of the abort, or by an operator who knows of it.
+        // A later order from the sender of the abort, or from an operator who knows of it.
         (land_at(1, 20.2), State::Hold),
         (land_at(7, 21.2), State::Hold),
     ] {

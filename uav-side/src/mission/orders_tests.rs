@@ -43,7 +43,7 @@ const ORDERS: [CommandKind; 6] = [
     CommandKind::Station(Station::USUAL),
 ];
 
-/// Whether the order is fulfilled, if the drone is under our control.
+/// Whether the order is fulfilled, provided that the drone is under our control.
 fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situation) -> bool {
     let state = d.phase.state();
     match order {
@@ -181,7 +181,7 @@ fn beacon_that_leads_away() {
     }
     d = decide(d.phase, d.progress, None, &led(301.0), &c);
     goes(&d, State::GaveUp, VesselTooFar);
-    // Not even with a low battery does the drone follow the beacon further.
+    // Even on low battery the drone does not follow the beacon further.
     let low = Situation {
         battery: Some(0.15),
         ..led(301.0)

@@ -1,17 +1,17 @@
 //! Probability that a landing which starts or continues now succeeds.
 //!
-//! A good landing meets limits ([`alight_shared::landing::Limit`]): the speed onto the deck and along it, the
-//! angle between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally
-//! distributed about its prediction, with the variance of all that cannot be corrected before the contact.
+//! A good landing meets limits ([`alight_shared::landing::Limit`]) on the speed onto and along the deck, the angle
+//! between drone and deck, four feet inside the edges, and staying in place. Each quantity is normally distributed
+//! about its prediction, with the variance of all errors that cannot be corrected before contact.
 //!
-//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the
-//! height `h`. The mean speed along the deck is `U psi' t_l` by the vessel's turn, plus the remainder of the
-//! present speed, plus that due to the deck's acceleration relative to an aligned drone, whose unpredicted
-//! part is `r sd(a)` with the drone's reaction time `r` ([`alight_shared::landing`]'s contact).
+//! The mean speed onto the deck is `max(v_t, sqrt(w² - 2 a (h - w t_b)))` with the closing speed `w` at the height `h`.
+//! The mean speed along the deck is `U psi' t_l` due to the vessel's turn, plus the remainder of the current speed,
+//! plus the effect of the deck's acceleration relative to an aligned drone, whose unpredicted part is `r sd(a)` with
+//! the drone's reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
-//! Errors of predictions older than `r` do not count, because the feedback corrects them before the contact.
-//! The landing's probability is the product over the limits, whose errors have different causes; while the
-//! planner chooses the touchdown time, it is that of the best time in its window.
+//! Prediction errors older than `r` do not count, because feedback corrects them before contact. The probability of the
+//! landing is the product over the limits, whose errors have different causes. While the planner chooses the touchdown
+//! time, it is that of the best time in the planner's window.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
@@ -28,10 +28,10 @@ use nalgebra::{Rotation2, Vector2, Vector3};
 use super::situation::Deck;
 use crate::flatness::aligned_acceleration;
 
-/// Time constant of the attitude that the reaction time covers, s. A larger one adds its excess; the dead
-/// time is always added.
+/// Attitude time constant included in the reaction time, s. A larger one adds the excess; the dead time is always
+/// added.
 const FOLLOWS_S: f64 = 0.2;
-/// Maximum deceleration of the sinking, m/s², twice the planned one, and its delay, s.
+/// Maximum vertical deceleration, m/s², twice the planned one, and its delay, s.
 const BRAKING_MPS2: f64 = 5.0;
 const BRAKING_LAG_S: f64 = 0.15;
 /// Time constant with which the pilot closes a gap, s.
@@ -39,12 +39,11 @@ const CLOSING_S: f64 = 0.5;
 /// Window in which the planner chooses the touchdown time, s, and spacing of the assessed times, s.
 const WINDOW_S: f64 = 2.5;
 const GRID_S: f64 = 0.25;
-/// Inputs of the odds.
 pub struct Outlook<'a> {
     pub forecast: &'a DeckForecast,
     pub deck: &'a Deck,
     pub wind: WindPush,
-    /// Measured acceleration by the wind, NED, m/s².
+    /// Measured acceleration due to the wind, NED, m/s².
     pub blown: Vector2<f64>,
     pub staying: &'a Staying,
     pub drone: &'a DroneGeometry,
@@ -54,7 +53,7 @@ pub struct Outlook<'a> {
 }
 
 impl Outlook<'_> {
-    /// Odds of a landing from here at `now`; None if the forecast ends before the contact.
+    /// Odds of a landing from here at `now`; None if the forecast ends before contact.
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
         let left_s = self.time_to_contact_s();
         let start = now.max(self.forecast.header.at);
@@ -66,13 +65,13 @@ impl Outlook<'_> {
         });
         moments.reduce(|best, next| if next.whole() > best.whole() { next } else { best })
     }
-    /// Time for which the drone does not follow the deck's unpredicted lateral motion and tilt, s.
+    /// Time until the drone follows the deck's unpredicted lateral motion and tilt, s.
     fn reaction_s(&self) -> f64 {
         let r = &self.response;
         let slowest = r.lag_s[0].max(r.lag_s[1]);
         REACTION_S + r.dead_time_s + (slowest - FOLLOWS_S).max(0.0)
     }
-    /// Time to the contact from here at the plan's usual pace, s.
+    /// Time to contact from here at the plan's usual speed, s.
     fn time_to_contact_s(&self) -> f64 {
         0.9 + self.deck.clearance_m.max(0.0) / 2.5
     }
@@ -81,13 +80,13 @@ impl Outlook<'_> {
         stage.or(self.forecast.stages.last().copied())
     }
 
-    /// Odds of meeting the deck `contact`, with the uncertainty of a forecast one reaction time ahead.
+    /// Odds for the deck state `contact`, with the uncertainty of a forecast one reaction time ahead.
     fn at_contact(&self, reacted: &DeckStage, contact: &DeckStage, left_s: f64) -> Odds {
         let left = (-left_s / CLOSING_S).exp();
         let wind = self.wind;
         let reaction_s = self.reaction_s();
         let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
-        // Signed: the plan allows for the predicted acceleration between an aligned drone and the deck.
+        // Signed, because the plan allows for the predicted acceleration between an aligned drone and the deck.
         let blown = wind_during_alignment(&wind.mean);
         let meant = aligned_acceleration(contact, &contact.normal());
         let apart = Vector3::from(contact.acceleration).xy() - meant - blown;
@@ -109,7 +108,7 @@ impl Outlook<'_> {
         };
         contact.odds(&Margins::on(self.plate, self.drone))
     }
-    /// Speed onto the deck of a drone that brakes from now on, m/s; NaN for a NaN of speed or height.
+    /// Speed onto the deck if the drone brakes from now on, m/s; NaN if speed or height is NaN.
     fn contact_mps(&self) -> f64 {
         let [w, h] = [self.deck.sinking_mps, self.deck.clearance_m].map(|v| larger(v, 0.0));
         let square = w * w - 2.0 * BRAKING_MPS2 * (h - w * BRAKING_LAG_S);
@@ -165,7 +164,7 @@ mod tests {
         for (odds, why) in [
             // The deck's speed may change by 0.4 m/s before the drone reacts.
             (of(|_| {}, |s| s.acceleration_sd[2] = 1.4), ReasonCode::LikelyHard),
-            // 2.3 m/s is too fast to brake within half a metre.
+            // At 2.3 m/s the drone is too fast to brake within half a metre.
             (
                 of(|d| (d.sinking_mps, d.clearance_m) = (2.3, 0.5), |_| {}),
                 ReasonCode::LikelyHard,
@@ -187,7 +186,7 @@ mod tests {
         ] {
             assert_eq!(code(&odds), Some(why), "{odds:?}");
         }
-        // NaN is never a soft contact.
+        // NaN never counts as a soft contact.
         for odds in [
             of(|d| d.sinking_mps = f64::NAN, |_| {}),
             of(|d| d.clearance_m = f64::NAN, |_| {}),

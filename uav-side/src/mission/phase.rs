@@ -1,4 +1,4 @@
-//! States with their data, and their transitions.
+//! States with their data, and transitions between them.
 
 use alight_shared::msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M};
 use alight_shared::time::{DroneClock, Time};
@@ -15,9 +15,9 @@ pub(super) type DroneTime = Time<DroneClock>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoldCause {
-    /// An operator ordered the hold; it ends with the next order to land.
+    /// Hold ordered by an operator; ends with the next order to land.
     Operator,
-    /// Data were stale; the hold ends when they are fresh.
+    /// Hold because data were stale; ends when they are fresh.
     Data,
     Station(KeptStation),
 }
@@ -28,7 +28,7 @@ pub struct Search {
     pub(super) since: DroneTime,
     pub(super) at: DroneTime,
     pub(super) flown_m: f64,
-    /// Arrival at the end of the path.
+    /// Time of arrival at the end of the path.
     pub(super) ended: Option<DroneTime>,
     /// Time since which the tags have been detected.
     pub(super) detected: Option<DroneTime>,
@@ -36,23 +36,20 @@ pub struct Search {
 
 /// State of the mission, with its data.
 ///
-/// A field `Option<DroneTime>` is the time since which the named condition has held. `at` is a position,
+/// A field of type `Option<DroneTime>` is the time since which the named condition has held. `at` is a position in the
 /// drone's NED, m; `yaw` a heading, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum MissionPhase {
     #[default]
     Idle,
-    /// Climbs or descends vertically.
     GetAltitude {
-        /// Position at its start, NED, north and east, m.
+        /// Start position, NED, north and east, m.
         from: [f64; 2],
     },
     Approach {
         detected: Option<DroneTime>,
     },
-    /// Searches for a deck that is known by a beacon alone.
     Search(Search),
-    /// Flies towards a vessel that is not received.
     Seek,
     Tracking {
         steady: Option<DroneTime>,
@@ -63,7 +60,7 @@ pub enum MissionPhase {
         paused: Option<DroneTime>,
     },
     Flare {
-        /// Whether only hard reasons break the flare off.
+        /// Whether only hard reasons break off the flare.
         committed: bool,
         violated: Option<DroneTime>,
     },
@@ -86,7 +83,7 @@ pub enum MissionPhase {
     Countdown {
         since: DroneTime,
     },
-    /// Standing on the deck with the motors started.
+    /// Stands on the deck with the motors started.
     SpinUp {
         since: DroneTime,
         armed: Option<DroneTime>,
@@ -95,7 +92,6 @@ pub enum MissionPhase {
         since: DroneTime,
         left: bool,
     },
-    /// Climbs away from the vessel to the height of the approach.
     ClimbOut {
         since: DroneTime,
         at: Vector3<f64>,
@@ -157,15 +153,14 @@ impl MissionPhase {
     pub(super) const fn flies(&self) -> bool {
         !self.stands() && !matches!(self, MissionPhase::Idle | MissionPhase::Landed { .. })
     }
-    /// Whether the drone stands on the deck for a take-off, or after one was stopped.
+    /// Whether the drone stands on the deck for a take-off, or after a stopped one.
     pub(super) const fn stands(&self) -> bool {
         self.state().stands_for_take_off()
     }
-    /// Whether only climbing is safe.
+    /// Whether climbing is the only safe action.
     pub(super) const fn takes_off(&self) -> bool {
         matches!(self, MissionPhase::TakeOff { .. } | MissionPhase::ClimbOut { .. })
     }
-    /// Whether the drone has left the deck in an unfinished take-off.
     pub(super) const fn has_left(&self) -> bool {
         matches!(
             self,
@@ -176,7 +171,6 @@ impl MissionPhase {
     pub(super) const fn rests(&self) -> bool {
         matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
     }
-    /// Whether the drone holds until an operator orders a landing.
     pub(super) const fn waits_for_operator(&self) -> bool {
         matches!(
             self,
@@ -221,7 +215,7 @@ impl RejectedOrder {
     }
 }
 
-/// Progress that outlasts a state.
+/// Progress that persists across states.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MissionProgress {
     pub landing: bool,
@@ -232,22 +226,22 @@ pub struct MissionProgress {
     pub deck_first: bool,
     /// Whether an operator has stopped a landing on low battery, so that the deck is not chosen again.
     pub deck_declined: bool,
-    /// Whether the drone was armed since the order, so that the order ends with the flight.
+    /// Whether the drone has been armed since the order, so that the order ends with the flight.
     pub armed: bool,
     /// Time since which the deck has been closed, reserved, unknown or undetected.
     pub missing: Option<DroneTime>,
     /// Time since which the drone has hovered without an order within reach of waves.
     pub low_since: Option<DroneTime>,
-    /// Place to land at the battery's reserve.
+    /// Landing place chosen at the battery's reserve.
     pub low_battery: Option<BatteryPlace>,
-    /// Whether an operator has stopped the mission and has not ordered a landing since. A landing too close
-    /// to the deck for a climb is completed.
+    /// Whether an operator has stopped the mission and ordered no landing since. A landing too close to the deck for a
+    /// climb is still completed.
     pub stopped: bool,
-    /// Whether the pilot's touchdown was false and is ignored until withdrawn.
+    /// Whether the pilot node's touchdown was false and is ignored until withdrawn.
     pub overruled: bool,
-    /// Whether set-points were lost and the autopilot holds; the landing resumes with them.
+    /// Whether set-points were lost and the autopilot holds; the landing resumes once they are followed again.
     pub set_points_lost: bool,
-    /// Station before the computer restarted; the drone returns to it under our control.
+    /// Station before the computer restarted; the drone returns to it once it is under our control.
     pub station: Option<KeptStation>,
     /// Whether the drone has taken off and not landed since; it then returns while its battery lasts.
     pub sortie: bool,
@@ -270,7 +264,7 @@ pub(super) enum PhaseTransition {
     BreakOff(Reason),
 }
 
-/// Maximum distance of a vessel to fly to, m, because a wrong origin could place it anywhere.
+/// Maximum distance to a vessel, m, because a wrong origin could place it anywhere.
 pub const MAX_VESSEL_DISTANCE_M: f64 = 5e3;
 
 /// Reason if the vessel is beyond that distance, or too far for a beacon alone.
@@ -309,18 +303,17 @@ pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> 
 pub struct Decision {
     pub phase: MissionPhase,
     pub progress: MissionProgress,
-    /// None without a change of state.
+    /// Reason for a change of state; None without a change.
     pub entered: Option<Reason>,
-    /// Reason not to enter the next state yet.
     pub waiting: Reason,
 }
 
-/// Height of a hold over the deck, m, or of the drone's waiting place, because others may be below it.
+/// Height above the deck of a hold, m, or of the drone's waiting place, because others may be below it.
 pub(super) fn hold_height(s: &Situation, c: &MissionConfig) -> f64 {
     s.place.map_or(c.tracking_height_m, |_| s.approach_height_m(c))
 }
 
-/// Hold at the drone's place, at [`hold_height`] and the minimum altitude or higher ([`moving_place`]).
+/// Hold at the drone's position, at least at [`hold_height`] and the minimum altitude ([`moving_place`]).
 pub(super) fn holding(cause: HoldCause, s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, hold_height(s, c));
     MissionPhase::Hold {
@@ -337,7 +330,7 @@ pub(super) fn gave_up(s: &Situation, c: &MissionConfig) -> MissionPhase {
     MissionPhase::GaveUp { at, yaw }
 }
 
-/// Climb away from the vessel after a take-off, to the approach height over the deck.
+/// Climb away from the vessel after a take-off, to the approach height above the deck.
 pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     let (at, yaw) = safe_place(s, c, s.approach_height_m(c));
     MissionPhase::ClimbOut {
@@ -348,10 +341,10 @@ pub(super) fn climbing_out(s: &Situation, c: &MissionConfig) -> MissionPhase {
     }
 }
 
-/// Whether the drone moves with the deck on its way to `at`, and its place on the way. Below the height of
-/// `at` it keeps its place over the deck, because structures on a vessel under way would hit a drone that
-/// stops. The place becomes fixed at that height, far from the deck, or with a stale forecast. A drone that
-/// `leaves` a vessel with an escape direction continues until it is away from the vessel.
+/// Whether the drone moves with the deck on the way to `at`, and the resulting position. Below the height of `at` it
+/// keeps its position over the deck, because structures of a moving vessel would hit a drone that stops. The position
+/// becomes fixed at that height, far from the deck, or with a stale forecast. A drone that `leaves` a vessel with an
+/// escape direction continues until it is clear of the vessel.
 pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (bool, Vector3<f64>) {
     let near = s.fresh_deck().filter(|d| d.distance_m < d.ring_m);
     let escapes = leaves && near.is_some_and(|d| d.escapes);
@@ -361,14 +354,14 @@ pub(super) fn moving_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> (b
     })
 }
 
-/// Waiting place, from the deck's centre (NED, m), of a drone after its landing; None if it stays at `at`.
+/// Waiting place, relative to the deck's centre (NED, m), of a drone after its landing; None if it stays at `at`.
 pub(super) fn stands_aside(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Option<[f64; 2]> {
     let near = |d: &&Deck| d.distance_m < WAITING_DISTANCE_M + WITH_DECK_M;
     let here = s.place.is_some() && s.fresh_deck().filter(near).is_some() && !moving_place(at, s, leaves).0;
     s.waiting_offset().filter(|_| here)
 }
 
-/// Place of a drone that holds at `at`: with the deck during the climb, then clear of other drones.
+/// Position of a drone that holds at `at`: it moves with the deck during the climb, then clear of other drones.
 pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vector3<f64> {
     match (stands_aside(at, s, leaves), s.own) {
         (Some(_), Some(own)) => Vector3::new(own.position.x, own.position.y, at.z),
@@ -376,7 +369,7 @@ pub(super) fn held_place(at: &Vector3<f64>, s: &Situation, leaves: bool) -> Vect
     }
 }
 
-/// Place straight above (or at) the drone, `height` or more over the deck's mean level.
+/// Position straight above (or at) the drone, at least `height` above the deck's mean level.
 fn safe_place(s: &Situation, c: &MissionConfig, height: f64) -> (Vector3<f64>, f64) {
     let (mut at, yaw) = s
         .own

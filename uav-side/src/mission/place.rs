@@ -1,4 +1,5 @@
-//! Place of a drone that does not follow the deck: a waiting place, one that moves with it, or one off it.
+//! Position of a drone that does not follow the deck: a waiting place, a position that moves with the deck, or a fixed
+//! one.
 
 use nalgebra::Vector3;
 
@@ -17,9 +18,8 @@ pub(super) struct Waypoint {
     pub(super) yaw: f64,
     /// Height over the deck's mean level, m.
     pub(super) height_m: f64,
-    /// Whether the drone moves with the deck.
     pub(super) with_deck: bool,
-    /// Waiting place from the deck's centre, NED, m.
+    /// Waiting place relative to the deck's centre, NED, m.
     pub(super) offset: Option<[f64; 2]>,
 }
 

@@ -60,7 +60,6 @@ fn blow() -> impl Strategy<Value = Blow> {
         .prop_map(
             |((mask, age_ms, position, drone), (a, b, sd, armed, mode), (stop, command, battery, repeat))| {
                 Blow {
-                    // Most inputs arrive most of the time.
                     mask: mask | mask.rotate_left(3) | mask.rotate_left(5),
                     age_ms: if age_ms < 600 { 0 } else { age_ms - 500 },
                     position,
@@ -114,7 +113,7 @@ proptest! {
                 }
                 let out = m.step(now, &input);
                 let state = m.phase.state();
-                // A drone on the deck with running motors completes its landing after a set-point loss.
+                // A drone on the deck with motors running completes its landing after a set-point loss.
                 let begins = |code| matches!(code, ReasonCode::Restarted | ReasonCode::GivenBack);
                 let stands = |s: &MissionState| begins(s.entered.code) && s.entered.value.abs() < 0.15;
                 followed |= state.phase() == Phase::Follow || out.state.as_ref().is_some_and(stands);

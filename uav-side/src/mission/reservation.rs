@@ -1,4 +1,4 @@
-//! The vessel's newest grant: deck's owner, and course announced by the helm.
+//! The vessel's newest grant: owner of the deck, and course announced by the helm.
 
 use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode};
 use alight_shared::time::{DroneClock, Time};
@@ -8,7 +8,7 @@ use crate::mission_config::MissionConfig;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reservation {
-    /// Reservations are not used: one drone, one deck.
+    /// Reservations are not used, because there is one drone and one deck.
     NotNeeded,
     Ours,
     /// Number of the owner; 0 if free, [`DECK_CLOSED`] if closed.
@@ -27,7 +27,6 @@ impl Reservation {
     ) -> Self {
         let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
         let fresh = age_s <= topics::DECK.stale_after.secs();
-        // A closed deck is closed to all drones.
         let closed = grant.is_some_and(|g| fresh && g.owner == DECK_CLOSED);
         if !config.reservation_required && !closed {
             return Reservation::NotNeeded;
@@ -43,7 +42,7 @@ impl Reservation {
             Some(_) | None => Reservation::Unknown(age_s),
         }
     }
-    /// Reason against the start of a descent.
+    /// Reason not to start a descent.
     pub fn rejection(self) -> Option<Reason> {
         match self {
             Reservation::NotNeeded | Reservation::Ours => None,
@@ -55,7 +54,7 @@ impl Reservation {
             )),
         }
     }
-    /// Reason to break off a descent. Radio silence is not one, because a reservation outlasts a descent.
+    /// Reason to break off a descent. Radio silence is not a reason, because a reservation outlasts a descent.
     pub fn lost(self) -> Option<Reason> {
         match self {
             Reservation::Others(owner) if owner != 0 => self.rejection(),
@@ -66,7 +65,7 @@ impl Reservation {
     }
 }
 
-/// Course announced by the helm. A steady course is valid for its stated duration; a turn has to be repeated.
+/// Course announced by the helm. A steady course is valid for its stated duration; a turn must be repeated.
 pub fn stated_course(grant: Option<&DeckGrant<DroneClock>>, now: Time<DroneClock>) -> Course {
     let Some(grant) = grant else {
         return Course::Unknown;

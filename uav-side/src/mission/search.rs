@@ -1,4 +1,4 @@
-//! Search for a deck known by a beacon alone: a spiral about the beacon's predicted place.
+//! Search for a deck that only a beacon reports: a spiral about the beacon's predicted position.
 //!
 //! ```text
 //! r = b theta,  2 pi b = pitch          pitch: three quarters of the camera's view from side to side
@@ -6,7 +6,7 @@
 //! R = 3.4 sd                            radius that contains the deck with 99.7 % (Rayleigh)
 //! ```
 //!
-//! It ends with a full circle at `R` minus half of the camera's view. `R` increases during silence.
+//! The path ends with a full circle at `R` minus half of the camera's view. `R` increases while the beacon is silent.
 
 use core::f64::consts::TAU;
 
@@ -20,21 +20,21 @@ use super::phase::{
 use super::situation::{Deck, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Radius that contains the deck with 99.7 %, in standard deviations (each axis) of the beacon's place.
+/// Radius that contains the deck with 99.7 %, in standard deviations (each axis) of the beacon's position.
 const WITHIN_SD: f64 = 3.4;
 /// Maximum radius of a search, m: it takes 5 min with the default camera.
 pub(super) const MAX_SEARCH_M: f64 = 50.0;
-/// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds at little tilt.
+/// Speed along the spiral relative to the vessel, m/s: a tag stays in view for seconds, and the drone tilts little.
 const SEARCH_MPS: f64 = 3.0;
-/// Distance of the drone from its reference on the spiral up to which that advances, m.
+/// Maximum distance between the drone and its reference on the spiral at which the reference advances, m.
 const BEHIND_M: f64 = 3.0;
 /// Distance between two turns of the spiral, in widths of the camera's view.
 const PITCH: f64 = 0.75;
 /// Observation time at the end of the path, s.
 const LOOKS_S: f64 = 5.0;
-/// Maximum duration of a search, as a multiple of its path's without wind and waits.
+/// Maximum duration of a search, as a multiple of its duration without wind and waits.
 const MAX_SLOWER: f64 = 2.0;
-/// Distance from the beacon's place at which the drone has arrived, m.
+/// Distance from the beacon's position at which the drone has arrived, m.
 const AT_BEACON_M: f64 = 3.0;
 
 fn reach_m(sd_m: f64) -> f64 {
@@ -43,11 +43,11 @@ fn reach_m(sd_m: f64) -> f64 {
 
 #[derive(Clone, Copy, Debug)]
 struct Spiral {
-    /// Radius per angle, m/rad.
+    /// Increase of the radius with the angle, m/rad.
     b: f64,
     /// Radius of the full circle at the end, m.
     outer_m: f64,
-    /// Path length up to that circle, and in total, m.
+    /// Path length up to that circle, and total path length, m.
     inner_m: f64,
     length_m: f64,
 }
@@ -65,7 +65,7 @@ impl Spiral {
             length_m: inner_m + TAU * outer_m,
         }
     }
-    /// Place at `flown_m` along the path, from the beacon, m.
+    /// Position at `flown_m` along the path, relative to the beacon, m.
     fn at(&self, flown_m: f64) -> Vector2<f64> {
         let turned = |flown_m: f64| (1.0 + 2.0 * flown_m / self.b).sqrt();
         let theta = if flown_m < self.inner_m || self.outer_m <= 0.0 {
@@ -81,14 +81,13 @@ impl Spiral {
 }
 
 impl Search {
-    /// Drone's place from the beacon's predicted one, north and east, m; None while the deck is detected.
+    /// Target relative to the beacon's predicted position, north and east, m; None while the deck is detected.
     pub(super) fn offset(&self, deck: &Deck, c: &MissionConfig) -> Option<[f64; 2]> {
         let [sd_m, _] = deck.beacon.filter(|_| deck.vision_age_s > c.vision_fresh_s)?;
         Some(Spiral::new(sd_m, c.search_view_m[1]).at(self.flown_m).into())
     }
 }
 
-/// Reason against a search: its radius would be too large.
 pub(super) fn vague(deck: &Deck) -> Option<Reason> {
     let [sd_m, _] = deck.beacon?;
     let reach_m = reach_m(sd_m);
@@ -99,7 +98,8 @@ pub(super) fn height_m(c: &MissionConfig) -> f64 {
     c.search_view_m[0].clamp(c.tracking_height_m.min(c.approach_height_m), c.approach_height_m)
 }
 
-/// Start of a search; None with a detected deck or a received vessel, and away from a beacon's place.
+/// Start of a search; None if the deck is detected, the vessel is received, or the drone is away from the beacon's
+/// position.
 pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let [sd_m, _] = deck.beacon.filter(|_| deck.radio_age_s > c.radio_lost_s)?;
     if deck.distance_m > AT_BEACON_M {
@@ -117,7 +117,7 @@ pub(super) fn begins(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Ph
     Some(MissionPhase::Search(search).enter(why))
 }
 
-/// Searches until tags are detected, the vessel is received, or the path ends.
+/// Searches until the tags are detected, the vessel is received, or the path ends.
 pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let stays = MissionPhase::Search(search);
     let Some(deck) = s.fresh_deck() else {
@@ -149,7 +149,7 @@ pub(super) fn search(search: Search, s: &Situation, c: &MissionConfig) -> PhaseT
         detected: None,
         ..search
     };
-    // Tags off the beacon's place belong to another vessel.
+    // Tags away from the beacon's position belong to another vessel.
     MissionPhase::Search(search).stay(deck.contradicted.or(s.several).unwrap_or(flies))
 }
 
@@ -169,7 +169,7 @@ fn found(search: Search, s: &Situation) -> PhaseTransition {
 }
 
 impl Search {
-    /// Search at `now`, advanced if the drone is near its place.
+    /// Search at `now`, advanced if the drone is near its target.
     fn advanced(self, spiral: &Spiral, deck: &Deck, now: DroneTime) -> Search {
         let from_beacon = Vector2::new(deck.bearing_rad.cos(), deck.bearing_rad.sin()) * -deck.distance_m;
         let behind_m = (spiral.at(self.flown_m) - from_beacon).norm();
@@ -191,7 +191,7 @@ impl Search {
 mod tests {
     use super::*;
 
-    /// Every place within the radius comes into view; the path stays within it.
+    /// Every point within the radius comes into view, and the path stays within the radius.
     #[test]
     fn spiral_that_covers_its_circle() {
         for (sd_m, half_m) in [(2.0, 6.0), (5.0, 6.0), (12.0, 6.0), (17.0, 3.0)] {
@@ -204,7 +204,7 @@ mod tests {
             let reach_m = reach_m(sd_m).min(MAX_SEARCH_M);
             assert!(path.iter().all(|p| p.norm() <= reach_m));
             for k in 0..2000 {
-                // The points have the pattern of a sunflower's seeds, which cover the circle evenly.
+                // The points form a sunflower pattern, which covers the circle evenly.
                 let r = reach_m * (f64::from(k) / 2000.0).sqrt();
                 let (sin, cos) = (2.399_963 * f64::from(k)).sin_cos();
                 let deck = Vector2::new(cos, sin) * r;

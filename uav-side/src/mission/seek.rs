@@ -1,8 +1,8 @@
-//! Return to a vessel that is not received, to the place extrapolated with its last velocity.
+//! Return to a vessel that is not received, at the position extrapolated with its last velocity.
 //!
-//! A drone returns in this way on a sortie, or when its charge requires it. The place is `p + u t` at the
-//! time `t` after the last reception; the required charge allows for its uncertainty ([`super::sortie`]).
-//! With the radio the landing starts as usual; without it the battery's reserve leads to the next place of
+//! A drone returns in this way on a sortie, or when its charge requires it. The position is `p + u t` at the time `t`
+//! after the last reception; the required charge allows for its uncertainty ([`super::sortie`]). If the radio is
+//! received again, the landing starts as usual. Otherwise the battery's reserve leads to the next place of
 //! `battery_order`.
 
 use alight_shared::msg::{Reason, ReasonCode};
@@ -12,12 +12,12 @@ use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTr
 use super::situation::{ControlState, SilentVessel, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Distance from the vessel's place up to which the drone holds for data, m.
+/// Distance from the vessel's position up to which the drone holds for data, m.
 pub(super) const FAR_M: f64 = 100.0;
-/// Distance to the place below which the heading is constant, m.
+/// Distance to the target below which the heading stays constant, m.
 const ARRIVED_M: f64 = 10.0;
 
-/// Vessel to seek for a drone that has to return; None without fresh odometry, and with a forecast.
+/// Vessel to seek if the drone must return; None without fresh odometry, or with a forecast.
 pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVessel> {
     let without = s.fresh_deck().is_none() && s.odometry_age_s <= s.odometry_limit_s && s.moved.is_none();
     let near = |seeks: &SilentVessel| seeks.offset.norm() <= MAX_VESSEL_DISTANCE_M;
@@ -25,7 +25,6 @@ pub(super) fn due(progress: &MissionProgress, s: &Situation) -> Option<SilentVes
     s.sortie.seeks.filter(|_| returns && without).filter(near)
 }
 
-/// Distance, m, and time since the last reception, s.
 fn reason(seeks: &SilentVessel) -> Reason {
     Reason::new(ReasonCode::SeeksVessel, seeks.offset.norm(), seeks.silent_s)
 }
@@ -39,7 +38,6 @@ pub(super) fn sets_out(
     MissionPhase::Seek.enter(reason(seeks))
 }
 
-/// Flies to the vessel's extrapolated place.
 pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     if s.fresh_deck().is_some() {
         progress.started = s.now;
@@ -53,7 +51,7 @@ pub(super) fn seek(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     }
 }
 
-/// Place at the approach height over the known deck or at the present height, and heading.
+/// Target at the approach height above the known deck or at the current height, and heading.
 pub(super) fn place(s: &Situation, c: &MissionConfig) -> (Vector3<f64>, f64) {
     let Some((own, seeks)) = s.own.zip(s.sortie.seeks) else {
         let own = s

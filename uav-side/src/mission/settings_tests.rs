@@ -47,7 +47,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // These values are beyond the limits, or only the file sets them.
+    // These values are out of bounds, or only the configuration file sets them.
     for (t, wrong) in [
         (
             3.0,
@@ -73,7 +73,6 @@ fn settings_of_a_ground_station() {
     ] {
         assert_eq!(after(&mut m, t, &set(t, wrong)).settings, wanted);
     }
-    // A take-off is ordered.
     let s = m.situation(at(5.0));
     assert!(m.is_settable(&s));
     m.phase = MissionPhase::Countdown { since: at(5.0) };
@@ -99,14 +98,13 @@ fn settings_while_armed_or_ordered_to_land() {
     };
     let state = after(&mut m, 1.0, &flying);
     assert!(state.settings == before && !state.settable);
-    // The autopilot's state is unknown.
     let mut m = node();
     let unknown = MissionIn {
         autopilot: None,
         ..flying
     };
     assert_eq!(after(&mut m, 1.0, &unknown).settings, before);
-    // The order to land arrives with the settings, then before them.
+    // The order to land arrives together with the settings, then before them.
     let mut m = node();
     let ordered = MissionIn {
         commands: vec![command(header(1, at(1.0)), CommandKind::Land)],
@@ -120,7 +118,6 @@ fn settings_while_armed_or_ordered_to_land() {
     assert_eq!(after(&mut m, 1.1, &late).settings, before);
 }
 
-/// First state of a successor with this checkpoint.
 fn successor(t: DroneTime, checkpoint: MissionCheckpoint, input: MissionIn) -> (MissionNode, MissionState) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -145,7 +142,7 @@ fn settings_of_a_crashed_mission() {
     assert_eq!(next.config.mode, LandingMode::Match);
 }
 
-/// After an operator's stop and a long crash the drone climbs to the height that was set, not to the file's.
+/// After an operator's stop and a long crash the drone climbs to the height that was set, not to that of the file.
 #[test]
 fn approach_height_of_a_crashed_mission() {
     let mut m = node();
@@ -177,7 +174,7 @@ fn approach_height_of_a_crashed_mission() {
     assert!((raised_m - 15.0).abs() < 1e-6, "{raised_m} m");
 }
 
-/// A vessel comes near a drone that hovers low without an order.
+/// A vessel approaches a drone that hovers low without an order.
 #[test]
 fn vessel_that_comes_near_after_a_crash() {
     let hovers = |t: f64, north_m: f64| fresh_input((t * 100.0) as u32, at(t), [north_m, 0.0, -2.6]);

@@ -21,10 +21,8 @@ use alight_shared::landing::{Odds, Staying};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {
-    /// The autopilot's state is missing or stale.
     Unknown,
     Disarmed,
-    /// Armed and on the ground.
     OnGround,
     /// Armed, controlled by a pilot or by the autopilot itself.
     OtherControl(AutopilotMode),
@@ -35,7 +33,7 @@ pub enum ControlState {
 }
 
 impl ControlState {
-    /// None: state missing or stale. In shadow mode any control counts as ours.
+    /// Control according to the autopilot's state (None: missing or stale). In shadow mode any control counts as ours.
     pub fn of(autopilot: Option<&AutopilotState>, mode: LandingMode) -> Self {
         let Some(a) = autopilot else {
             return ControlState::Unknown;
@@ -76,30 +74,29 @@ impl OwnState {
     }
 }
 
-/// Turn rate of the vessel from which the rudder's acceleration makes the forecast unreliable, rad/s.
+/// Turn rate of the vessel above which the acceleration due to the rudder makes the forecast unreliable, rad/s.
 const MAX_TURN_RADPS: f64 = 0.2;
 /// Time over which the deck's motion is assessed, s.
 const FEASIBLE_S: f64 = 2.0;
 
-/// Lag of the forecast behind a turn, s: low-pass of the vessel's mean heading rate, plus radio delay. The
-/// acceleration `U r` across the course, at the speed `U` and turn rate `r`, is unpredicted meanwhile.
+/// Lag of the forecast behind a turn, s: low-pass of the vessel's mean heading rate, plus radio delay. During this time
+/// the acceleration `U r` across the course, at speed `U` and turn rate `r`, is not predicted.
 const TURN_LAG_S: f64 = 1.2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deck {
-    /// Foot plane above the deck along its normal, m.
+    /// Height of the foot plane above the deck, along the deck's normal, m.
     pub clearance_m: f64,
     /// Horizontal distance of the centre of mass from the deck's centre, m.
     pub distance_m: f64,
-    /// Distance below which the drone is over or next to the vessel, m.
+    /// Distance below which the drone is above or next to the vessel, m.
     pub ring_m: f64,
-    /// Whether the vessel has an escape direction for drones.
     pub escapes: bool,
-    /// Direction to the deck's centre, from north towards east, rad.
+    /// Bearing of the deck's centre, from north towards east, rad.
     pub bearing_rad: f64,
     /// The vessel's mean heading, rad.
     pub heading_rad: f64,
-    /// Centre of the feet in the deck's plane: along and across, m.
+    /// Centre of the feet in the deck's plane, along and across, m.
     pub feet: Vector2<f64>,
     /// Speed of the drone towards the deck, m/s.
     pub closing_mps: f64,
@@ -109,39 +106,38 @@ pub struct Deck {
     pub relative_speed_mps: f64,
     pub radio_age_s: f64,
     pub vision_age_s: f64,
-    /// Age of the newest relative place confirmed by the tags, which may replace vision, s.
+    /// Age of the newest relative position confirmed by the tags, which may replace vision, s.
     pub relative_age_s: f64,
     /// Closing speed of drone and deck along its normal, m/s.
     pub sinking_mps: f64,
     /// Maximum predicted vertical speed over the horizon, m/s.
     pub heave_mps: f64,
-    /// Maximum tilt in the forecast, rad.
+    /// Maximum forecast tilt, rad.
     pub tilt_rad: f64,
     /// Magnitude of the vessel's mean heading rate, rad/s.
     pub turn_radps: f64,
-    /// Change of the deck's horizontal velocity by a turn before the forecast follows, m/s.
+    /// Change of the deck's horizontal velocity due to a turn before the forecast follows, m/s.
     pub turn_mps: f64,
-    /// Whether the vessel's motion is reported, or identified by the tags.
+    /// Whether the vessel's motion is reported, or identified from the tags.
     pub identified: bool,
-    /// Standard deviation of the beacon's place per axis, m, and its age, s; None without a permitted beacon.
+    /// Standard deviation of the beacon's position per axis, m, and its age, s; None without a permitted beacon.
     pub beacon: Option<[f64; 2]>,
-    /// Reason if two sources of the deck's place or height contradict each other.
+    /// Reason if two sources of the deck's position or height contradict each other.
     pub contradicted: Option<Reason>,
-    /// Outcomes of landing and climbing from now on; None above the commit clearance.
+    /// Outcomes of landing and of climbing from now on; None above the commit clearance.
     pub ends: Option<ContactOutcomes>,
 }
 
-/// Limit of the height difference between rangefinder and camera, in their standard deviations, RMS over
-/// seconds. Chosen: at most 2.8 in 40 sound landings, 8 with images stamped 0.25 s late.
+/// Limit of the RMS height difference between rangefinder and camera over seconds, in their standard deviations.
+/// Chosen: at most 2.8 in 40 normal landings, 8 with images stamped 0.25 s late.
 const MAX_HEIGHT_SD: f64 = 3.0;
 
-/// Reason if several decks are detected and the vessel's own is unknown.
+/// Reason if several decks are detected and it is unknown which is the own one.
 pub fn several(forecast: &DeckForecast) -> Option<Reason> {
     let decks = f64::from(forecast.decks_in_sight);
     (decks > 1.0).then(|| Reason::new(ReasonCode::SeveralDecks, decks, 0.0))
 }
 
-/// Reason if two sources of the deck contradict each other.
 fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     let elsewhere = forecast
         .place_apart_m
@@ -150,13 +146,13 @@ fn contradicted(forecast: &DeckForecast) -> Option<Reason> {
     elsewhere.or_else(|| exceeds(ReasonCode::HeightContradicted, height_sd?, MAX_HEIGHT_SD))
 }
 
-/// Age of the newest relative place that may replace vision, s.
+/// Age of the newest relative position that may replace vision, s.
 pub fn relative_age_s(forecast: &DeckForecast) -> f64 {
     forecast.relative.map_or(f64::INFINITY, |r| r.stands_in_age_s())
 }
 
 impl Deck {
-    /// None if the forecast does not cover `now`.
+    /// Deck at `now`; None if the forecast does not cover it.
     pub fn of(
         forecast: &DeckForecast,
         own: &OwnState,
@@ -215,13 +211,13 @@ impl Deck {
                 .flatten(),
         })
     }
-    /// Age of the deck's position in a landing, s: of vision, or of the relative place that replaces it while
-    /// the tags are too near, hidden or too dark. A landing begins only with the tags.
+    /// Age of the deck's position in a landing, s: by vision, or by the relative position that replaces it while the
+    /// tags are too near, hidden or too dark. A landing begins only if the tags are detected.
     pub fn located_age_s(&self) -> f64 {
         self.vision_age_s.min(self.relative_age_s)
     }
-    /// Next waypoint, from the deck's centre, NED, m, to the place at this distance (m) and bearing (rad,
-    /// from north); the way leads around the deck in steps of 22.5 deg.
+    /// Next waypoint (relative to the deck's centre, NED, m) towards the place at this distance (m) and bearing (rad,
+    /// from north). The path leads around the deck in steps of 22.5 deg.
     pub fn round(&self, distance_m: f64, bearing_rad: f64) -> [f64; 2] {
         const STEP_RAD: f64 = core::f64::consts::PI / 8.0;
         let own = wrap_angle(self.bearing_rad + core::f64::consts::PI);
@@ -245,7 +241,7 @@ impl Deck {
     }
 }
 
-/// Maximum vertical speed, m/s, and tilt, rad, of the deck from `start` on.
+/// Maximum vertical speed, m/s, and maximum tilt, rad, of the deck from `start` on.
 fn max_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 2] {
     let step = forecast.step.secs();
     let since = (start - forecast.header.at).secs();
@@ -263,12 +259,12 @@ fn max_motion(forecast: &DeckForecast, start: Time<DroneClock>) -> [f64; 2] {
     largest
 }
 
-/// Angle between a body's down axis and the vertical for this roll and pitch, rad.
+/// Angle between a body's down axis and the vertical at this roll and pitch, rad.
 pub fn angle_from_vertical(roll: f64, pitch: f64) -> f64 {
     (roll.cos() * pitch.cos()).clamp(-1.0, 1.0).acos()
 }
 
-/// Vessel without reception, at its place extrapolated with its last velocity.
+/// Vessel without reception, at the position extrapolated with its last velocity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SilentVessel {
     /// Offset from the drone, north and east, m.
@@ -280,7 +276,7 @@ pub struct SilentVessel {
 pub struct SortieEvidence {
     pub seeks: Option<SilentVessel>,
     pub turns_back: Option<Reason>,
-    /// Time until the drone has to turn back, s; None if unknown.
+    /// Time until the drone must turn back, s; None if unknown.
     pub turns_in_s: Option<f64>,
     pub own_mission: OwnMission,
 }
@@ -296,21 +292,21 @@ pub struct TakeOffEvidence {
     pub(crate) standing: StandingVerdict,
     /// Time since the last evidence that the drone stands, s.
     pub unwitnessed_s: f64,
-    /// Time with turning rotors by the autopilot's report, s.
+    /// Time for which the autopilot has reported turning rotors, s.
     pub rotors_turn_s: f64,
     /// Time for which the rotors have been able to lift the drone, s; None without a recent thrust report.
     pub lifts_s: Option<f64>,
-    /// Predicted angle between drone and deck after one reaction time, rad.
+    /// Predicted angle between drone and deck one reaction time ahead, rad.
     pub tips_rad: f64,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Charges {
-    /// Return by the autopilot and landing at home.
+    /// Charge to return by autopilot and land at home.
     pub home: f64,
-    /// Landing in place.
+    /// Charge to land in place.
     pub here: f64,
-    /// Attempt to land on the deck from above it.
+    /// Charge for an attempt to land on the deck from above it.
     pub attempt: f64,
 }
 
@@ -318,35 +314,31 @@ pub struct Charges {
 pub struct Situation {
     pub now: Time<DroneClock>,
     pub flight: ControlState,
-    /// Reason why the autopilot's state permits no landing.
     pub rejection: Option<Reason>,
     /// Reason if the drone's frame has jumped since the forecast.
     pub moved: Option<Reason>,
-    /// Reason if several decks are detected and the vessel's own is unknown.
+    /// Reason if several decks are detected and it is unknown which is the own one.
     pub several: Option<Reason>,
     /// Filtered battery charge, 0 to 1; None if not reported.
     pub battery: Option<f64>,
-    /// Charge that has to remain, 0 to 1.
+    /// Charge that must remain, 0 to 1.
     pub battery_reserve: f64,
     pub charges: Charges,
     pub own: Option<OwnState>,
     pub odometry_age_s: f64,
     pub odometry_limit_s: f64,
-    /// None without a forecast that reaches `now`.
+    /// Deck; None without a forecast that reaches `now`.
     pub deck: Option<Deck>,
     /// Mean level of the deck, or of a higher witness that contradicts it, NED z, m.
     pub mean_deck_z: Option<f64>,
     /// Lower limit of the height, NED z, m, until a second source confirms the deck's height.
     pub lowest_z: Option<f64>,
-    /// Reason for that limit.
     pub doubt: Option<Reason>,
-    /// Whether a drone that lands now stays on the deck.
     pub staying: Staying,
     /// Tilt of the drone beyond the recently commanded one, rad.
     pub tilt_excess_rad: f64,
-    /// RMS oscillation of the commanded tilt beyond plan and wind, rad.
+    /// RMS oscillation of the commanded tilt beyond what plan and wind require, rad.
     pub swing_rad: f64,
-    /// Probabilities of a landing from here.
     pub odds: Option<Odds>,
     pub forced_descent: Option<Time<DroneClock>>,
     /// Probability above which waiting for a better time does not pay.
@@ -361,39 +353,35 @@ pub struct Situation {
     /// Distance of the feet outside the usable deck, m.
     pub outside_m: f64,
     pub reservation: Reservation,
-    /// Reason if the vessel reports other dimensions of the deck.
+    /// Reason if the vessel reports different deck dimensions.
     pub other_deck: Option<Reason>,
-    /// Course announced by the vessel's helm.
     pub course: Course,
-    /// Reason if the camera cannot detect a tag: darkness, or a light.
+    /// Reason why the camera cannot detect a tag: darkness or glare.
     pub dark: Option<Reason>,
-    /// Waiting place at the deck; None without one, or without reservations.
+    /// Waiting place near the deck; None if none is assigned or reservations are not used.
     pub place: Option<WaitingPlace>,
-    /// Ids of the other drones in the waiting places, from the lowest up; 0: free or this drone's own.
+    /// Ids of the other drones in the waiting places, lowest place first; 0: free, or this drone's own.
     pub others: [u32; PLACES],
-    /// Heights of their stations, m; 0: none.
+    /// Heights of their stations, m; 0: no station.
     pub other_stations_m: [u8; PLACES],
     pub motors_stopped: bool,
     /// Whether the rotors carry the drone, by the reported thrust; None without a recent report.
     pub rotors_carry: Option<bool>,
-    /// Speed of the hardest hard contact reported by the pilot, m/s.
+    /// Speed of the hardest contact that the pilot has reported as hard, m/s.
     pub hard_contact_mps: Option<f64>,
-    /// Whether another drone has requested the deck on which this one stands.
+    /// Whether another drone has requested the deck on which this drone stands.
     pub deck_wanted: bool,
-    /// Reason why the vessel does not clear a take-off.
     pub not_cleared: Option<Reason>,
-    /// By the autopilot's report.
     pub on_ground: bool,
-    /// Charge that a take-off needs, 0 to 1.
     pub battery_for_take_off: f64,
     pub sortie: SortieEvidence,
     pub leaving: TakeOffEvidence,
 }
 
-/// Time for which a drone tips on after the thrust was cut, s: a period, link, three lags of the rotors.
+/// Time for which a drone keeps tipping after the thrust is cut, s: a period, the link, and three rotor lags.
 const TIPS_ON_S: f64 = 0.15;
 
-/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their present rates, rad; 0 beyond the forecast.
+/// Angle between drone and deck [`TIPS_ON_S`] after `now` at their current rates, rad; 0 beyond the forecast.
 pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneClock>) -> f64 {
     let at = now.max(forecast.header.at) + Span::from_secs(TIPS_ON_S);
     let turn = UnitQuaternion::from_scaled_axis(Vector3::from(drone.rates) * TIPS_ON_S);
@@ -407,18 +395,18 @@ const ABOVE_DECK_M: f64 = 0.5;
 const OFF_DECK_M: f64 = 0.6;
 /// Time for which a moving drone continues to slide on the deck, s.
 const SLIDES_S: f64 = 1.0;
-/// Fraction of hover thrust above which the rotors carry most of the drone.
+/// Fraction of hover thrust above which the rotors carry most of the weight.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
-/// Whether the rotors carry a drone by the autopilot's thrust and hover thrust (or the geometry's); None if
-/// an armed autopilot has not reported its thrust recently.
+/// Whether the rotors carry the drone, from the reported thrust and the hover thrust (the autopilot's, or that of the
+/// geometry). None if an armed autopilot has not reported its thrust recently.
 pub fn rotors_carry(a: &AutopilotState, drone: &DroneGeometry) -> Option<bool> {
     if !a.armed {
         return Some(false);
     }
     a.thrust.map(|t| t >= CARRYING_OF_HOVER * hover_thrust(a, drone))
 }
-/// By the autopilot, otherwise by the drone's geometry.
+/// Hover thrust reported by the autopilot, otherwise that of the drone's geometry.
 pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
     if a.hover_thrust > 0.0 {
         a.hover_thrust
@@ -431,8 +419,8 @@ impl Situation {
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }
-    /// Reason why a detected touchdown is false: the rotors carry the drone above the deck or off it. Without
-    /// a thrust the height above the deck decides.
+    /// Reason why a detected touchdown is false: the rotors carry the drone above the deck or outside it. Without a
+    /// thrust report the height above the deck decides.
     pub fn false_touchdown(&self) -> Option<Reason> {
         let above = |m: f64| Reason::new(ReasonCode::FalseTouchdown, m.min(1e3), ABOVE_DECK_M);
         match (self.rotors_carry, self.fresh_deck()) {
@@ -444,13 +432,12 @@ impl Situation {
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Reason if a drone with its feet on the deck is beyond the edge, or slides beyond it before it is
-    /// disarmed.
+    /// Reason if a drone with its feet on the deck is beyond the edge, or will slide beyond it before it is disarmed.
     pub fn slides(&self) -> Option<Reason> {
         let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
     }
-    /// Whether a drone that reported its touchdown may still fly.
+    /// Whether a drone that reported touchdown may still be flying.
     pub fn may_fly(&self) -> bool {
         self.false_touchdown().is_some() || self.rotors_carry.is_none() && self.fresh_deck().is_none()
     }
@@ -458,11 +445,11 @@ impl Situation {
     pub fn no_lower(&self, z: f64) -> f64 {
         self.lowest_z.map_or(z, |lowest| z.min(lowest))
     }
-    /// Height of the approach above the deck's mean level, m, with the waiting place's additional height.
+    /// Approach height above the deck's mean level, m, plus the additional height of the waiting place.
     pub fn approach_height_m(&self, c: &MissionConfig) -> f64 {
         c.approach_height_m + self.place.map_or(0.0, |p| p.above_m)
     }
-    /// Reason why the deck is not detected: darkness if the deck is within 45 deg of straight below.
+    /// Reason why the deck is not detected: darkness only if the deck is within 45 deg of straight below.
     pub fn not_detected(&self, deck: &Deck) -> Reason {
         let below = deck.distance_m <= deck.clearance_m;
         self.dark.filter(|_| below).unwrap_or(ReasonCode::NoVision.into())
@@ -470,7 +457,7 @@ impl Situation {
     pub fn waits(&self, c: &MissionConfig) -> Option<Reason> {
         self.reservation.rejection().filter(|_| c.reservation_required)
     }
-    /// Next waypoint to the waiting place, from the deck's centre, NED, m, or the present place.
+    /// Next waypoint to the waiting place (relative to the deck's centre, NED, m), or the current position.
     pub fn waiting_offset(&self) -> Option<[f64; 2]> {
         let deck = self.fresh_deck()?;
         Some(match self.place {
@@ -485,7 +472,6 @@ impl Situation {
     pub fn held_back(&self) -> Option<Reason> {
         self.rejection.filter(|why| why.code == ReasonCode::SwitchAborts)
     }
-    /// The deck, if forecast and odometry are fresh.
     pub fn fresh_deck(&self) -> Option<&Deck> {
         if self.forecast_age_s <= self.forecast_limit_s && self.odometry_age_s <= self.odometry_limit_s {
             self.deck.as_ref()

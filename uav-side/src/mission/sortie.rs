@@ -1,11 +1,11 @@
-//! Time of a sortie until the drone has to return to the vessel's future place.
+//! Time until a drone on a sortie must return to the vessel's future position.
 //!
-//! A drone at the offset `-r` from a vessel that moves at `u` meets it, in the wind `w`, after the smallest
-//! `T >= 0` with `|r + (u - w) T| = v T` at its air speed `v`. It turns back when its charge `b` has fallen
-//! to the sum of the reserve (for the landing), the return and one missed attempt: after the time `t` with
-//! `b_r + P (T(t) + t_a) = b - P t` for the power `P`, while the vessel moves on and the drone stays.
+//! A drone at the offset `-r` from a vessel that moves at `u` meets it, in the wind `w`, after the smallest `T >= 0`
+//! with `|r + (u - w) T| = v T` at its airspeed `v`. It turns back when its charge `b` has fallen to the sum of the
+//! reserve (for the landing), the return and one missed attempt: after the time `t` with `b_r + P (T(t) + t_a) = b - P
+//! t` for the power `P`, while the vessel moves on and the drone stays.
 //!
-//! Out of radio range the vessel is extrapolated with its last velocity; an increasing margin is added.
+//! Out of radio range the vessel is extrapolated with its last velocity, with an increasing margin.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
@@ -16,33 +16,33 @@ use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
 
-/// Maximum time of a return, s; also for a vessel out of reach.
+/// Maximum duration of a return, s; also that for a vessel out of reach.
 const MAX_WAY_S: f64 = 3600.0;
-/// Steps of the bisection: from an hour to a tenth of a second.
+/// Number of bisection steps: from an hour down to a tenth of a second.
 const STEPS: u32 = 16;
 
-/// Random walk of a vessel's velocity without reception: after 1 s, m/s, and as a fraction of its speed, for
-/// turns. A beacon between its messages has the same.
+/// Random walk of a vessel's velocity without reception, to allow for turns: after 1 s, m/s, and as a fraction of its
+/// speed. The same applies to a beacon between its messages.
 const WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
-/// Time constant of the vessel's velocity, and age after which the average restarts, s: three periods of the
-/// longest waves that move a small boat.
+/// Time constant of the vessel's mean velocity, and age after which the mean restarts, s: three periods of the longest
+/// waves that move a small boat.
 const STEADY_S: f64 = 20.0;
 const KNOWN_S: f64 = 10.0;
-/// Margin in standard deviations of the vessel's place.
+/// Margin, in standard deviations of the vessel's position.
 const MARGIN_SD: f64 = 2.0;
 /// Drift in the margin's upper bound, m/s; the bound also covers a vessel that reverses at once.
 const DRIFT_MPS: f64 = 0.3;
 
-/// Maximum distance of the vessel from its extrapolated place, m: `2 q sqrt(t³ / 3)` after `t` with the
-/// velocity's random walk `q` in 1 s, and at most `(2 u + 0.3 m/s) t`.
+/// Maximum distance between the vessel and its extrapolated position, m: `2 q sqrt(t³ / 3)` after `t`, where `q` is the
+/// velocity's random walk in 1 s, but at most `(2 u + 0.3 m/s) t`.
 fn margin_m(speed_mps: f64, silent_s: f64) -> f64 {
     let walk = WALK_MPS + SPEED_WALK * speed_mps;
     let sd_m = walk * (silent_s.powi(3) / 3.0).sqrt();
     (MARGIN_SD * sd_m).min((2.0 * speed_mps + DRIFT_MPS) * silent_s)
 }
 
-/// Mean velocity, and deck's place as latitude and longitude, because the drone's frame may jump.
+/// Mean velocity of the vessel, and deck position as latitude and longitude, because the drone's frame may jump.
 fn vessel(forecast: &DeckForecast, drone: &DroneState) -> Option<LastVessel> {
     let [north, east, _] = forecast.stages.first()?.position;
     let mean = |k: usize| forecast.stages.iter().map(|d| d.velocity[k]).sum::<f64>();
@@ -79,7 +79,7 @@ fn seeks(vessel: &LastVessel, drone: &DroneState, now: DroneTime) -> SilentVesse
     }
 }
 
-/// Offset of a vessel without reception, with the margin, and its velocity.
+/// Offset of a vessel without reception, including the margin, and its velocity.
 fn towards(vessel: &LastVessel, seeks: &SilentVessel) -> (Vector2<f64>, Vector2<f64>) {
     let velocity = Vector2::from(vessel.velocity);
     let SilentVessel { offset, silent_s } = *seeks;
@@ -98,7 +98,7 @@ pub(super) struct ReturnLeg {
 }
 
 impl ReturnLeg {
-    /// Time until the drone meets the vessel after staying for `stays_s`, s; [`MAX_WAY_S`] out of reach.
+    /// Time until the drone meets the vessel after staying for `stays_s`, s; [`MAX_WAY_S`] if out of reach.
     pub(super) fn time_s(&self, stays_s: f64) -> f64 {
         let r = self.offset + self.vessel * stays_s;
         let drift = self.vessel - self.wind;
@@ -130,7 +130,6 @@ impl ReturnLeg {
 pub(super) struct Energy {
     pub(super) charge: f64,
     pub(super) power: f64,
-    /// Charge reserved for the landing, 0 to 1.
     pub(super) reserve: f64,
     pub(super) attempt_s: f64,
 }
@@ -164,7 +163,6 @@ impl Energy {
 }
 
 impl MissionNode {
-    /// Updates the remaining time of a drone on a sortie.
     pub(super) fn judge_sortie(&mut self, now: DroneTime, s: &mut Situation) {
         let (c, drone) = (&self.config, self.drone.get());
         if let (Some(forecast), Some(drone), Some(_)) = (self.forecast.get(), drone, s.fresh_deck()) {
@@ -213,7 +211,7 @@ mod tests {
             (way([800.0, 0.0], [-2.0, 0.0], [0.0, 0.0]), 80.0),
             (way([800.0, 0.0], [0.0, 0.0], [-4.0, 0.0]), 200.0),
             (way([0.0, 0.0], [5.0, 0.0], [0.0, 0.0]), 0.0),
-            // A vessel faster than the drone moves away from it or towards it.
+            // The vessel is faster than the drone and moves away from it or towards it.
             (way([100.0, 0.0], [9.0, 0.0], [0.0, 0.0]), MAX_WAY_S),
             (way([170.0, 0.0], [-9.0, 0.0], [0.0, 0.0]), 10.0),
         ] {
@@ -222,7 +220,7 @@ mod tests {
         }
     }
 
-    /// One and ten minutes after the vessel was received 1 km north, moving north at 2 m/s.
+    /// One and ten minutes after the vessel was last received, 1 km to the north and moving north at 2 m/s.
     #[test]
     fn way_to_a_vessel_out_of_radio_range() {
         let drone = DroneState {
@@ -249,8 +247,7 @@ mod tests {
         }
     }
 
-    /// At 2 m/s in waves of 0.7 m/s the mean velocity is known to within a tenth, and a new one within a
-    /// minute.
+    /// For a vessel at 2 m/s in waves of 0.7 m/s, the mean velocity is known to a tenth, and a new one within a minute.
     #[test]
     fn way_of_a_vessel_in_waves() {
         let mut last: Option<LastVessel> = None;

@@ -88,7 +88,7 @@ pub(super) fn step(
     }
 }
 
-/// Reason to end a waiting order: it waited for too long, or its flight is over.
+/// Reason to end a waiting order: it has waited too long, or its flight is over.
 fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let over = progress.armed && s.flight == ControlState::Disarmed;
     progress.armed |= !matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
@@ -101,7 +101,7 @@ fn order_expired(progress: &mut MissionProgress, s: &Situation, c: &MissionConfi
     (over || waited_s > limit_s).then(|| Reason::new(ReasonCode::OrderExpired, waited_s, limit_s))
 }
 
-/// Reason while the operator of a stopped landing may decide, with the battery below its reserve.
+/// Reason while the battery is below its reserve and the operator of a stopped landing may still decide.
 fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     let b = s.battery.filter(|b| *b < s.battery_reserve && progress.stopped)?;
     let limit = (1.0 - FOR_OPERATOR) * s.battery_reserve;
@@ -112,7 +112,7 @@ fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
 
-/// Idle: waits for an order, for a flight in our mode, and for the vessel's radio.
+/// Waits for an order, for a flight in our mode, and for the vessel's radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
@@ -142,7 +142,8 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
         let flies = s.sortie.own_mission == OwnMission::Flies;
         let recalled = progress.cycles.on && flies && old_data(s).is_none();
         let recalled = recalled.then(|| ReasonCode::OrderedBack.into());
-        // With the pilot's switch on abort no order takes the drone, which would hover instead of landing.
+        // While the pilot's switch is on abort, no order takes control, because the drone would hover instead of
+        // landing.
         let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
         let why = held.or(turns_back).or(recalled).or(s.rejection).or(missing);
         return idle.stay(why.unwrap_or(NotFlying.into()));
@@ -190,7 +191,6 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
     }
 }
 
-/// Climbs or descends to the approach height.
 fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (Some(own), Some(mean)) = (s.own, s.mean_deck_z) else {
         return MissionPhase::GetAltitude { from }.stay(s.no_deck());
@@ -210,7 +210,7 @@ fn get_altitude(from: [f64; 2], s: &Situation, c: &MissionConfig) -> PhaseTransi
     MissionPhase::APPROACH.enter(HeightReached)
 }
 
-/// Climbs vertically to the waiting place's height, with the deck while above it.
+/// Climbs vertically to the height of the waiting place, moving with the deck while above it.
 fn leave(s: &Situation, why: Reason) -> PhaseTransition {
     let from = s.own.map_or([0.0; 2], |own| own.position.xy().into());
     MissionPhase::GetAltitude { from }.enter(why)
@@ -236,7 +236,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
             MissionPhase::APPROACH.stay(why)
         };
     }
-    // Until a witness confirms the deck's height, the drone stays at a height that is safe by every witness.
+    // Until a witness confirms the deck's height, the drone stays at a height that is safe for every witness.
     if let Some(why) = s.doubt {
         return MissionPhase::APPROACH.stay(why);
     }
@@ -267,7 +267,7 @@ fn unsteady(deck: &Deck, s: &Situation, c: &MissionConfig, slack: f64) -> Option
     ])
 }
 
-/// Transition to the waiting place from a deck that is closed or owned by another drone.
+/// Transition to the waiting place if the deck is closed or owned by another drone.
 fn deck_lost(s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let why = s
         .waits(c)
@@ -286,7 +286,7 @@ fn vision_lost(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTra
     Some(next.enter(why))
 }
 
-/// Transition from a deck that is not detected, owned by another drone, or at a doubtful height.
+/// Transition if the deck is not detected, is owned by another drone, or has a doubtful height.
 fn not_followed(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<PhaseTransition> {
     let doubted = || s.doubt.map(|why| MissionPhase::APPROACH.enter(why));
     vision_lost(deck, s, c)
@@ -298,8 +298,8 @@ fn widening(urgency: f64) -> f64 {
     if urgency > 0.0 { HYSTERESIS } else { 1.0 }
 }
 
-/// Reason if the landing's probability is too low, or that of an unsafe contact too high. The limits are
-/// `needed (1 - u)` and `max_harm^(1 - u)` for the [`urgency`] `u`.
+/// Reason if the landing's probability is too low, or that of an unsafe contact too high. The limits are `needed (1 -
+/// u)` and `max_harm^(1 - u)` for the [`urgency`] `u`.
 fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<Reason> {
     if urgency >= 1.0 || s.forced_descent.is_some() {
         return None;
@@ -361,7 +361,7 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
             ])
         })
         .or_else(|| deck.infeasible(c, wide));
-    // A landing at any risk of sliding is better than an empty battery.
+    // Landing at any risk of sliding is better than emptying the battery in the air.
     let rejection = rejection.or_else(|| {
         if urgent {
             return None;
@@ -386,13 +386,12 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
     MissionPhase::DESCENT.enter(Permitted)
 }
 
-/// Longest time to the touchdown, s, with the longest pause at the decision clearance.
+/// Maximum time to touchdown, s, including the longest pause at the decision clearance.
 fn landing_s(deck: &Deck, c: &MissionConfig) -> f64 {
     let descent_m = (deck.clearance_m - c.flare_clearance_m).max(0.0);
     descent_m / c.descent_mps + c.flare_clearance_m / c.flare_mps + DECISION_TIMEOUT_S
 }
 
-/// Reason not to begin a descent because of the helm's course.
 fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     match s.course {
         Course::Unknown => None,
@@ -401,11 +400,11 @@ fn course_rejection(deck: &Deck, s: &Situation, c: &MissionConfig) -> Option<Rea
     }
 }
 
-/// Limit of the commanded tilt's RMS oscillation beyond plan and wind, rad (5 deg): half of a harmful
-/// contact's angle. A stable attitude loop stays below it.
+/// Limit of the RMS oscillation of the commanded tilt beyond plan and wind, rad (5 deg): half of a harmful contact's
+/// angle. A stable attitude loop stays below it.
 const MAX_SWING_RAD: f64 = 0.087;
 
-/// Maximum time of a flare without vision, s: the last metre, and longer while the radio reports the vessel.
+/// Maximum duration of a flare without vision, s: the last metre, and longer while the radio reports the vessel.
 const BLIND_S: f64 = 2.5;
 pub(super) const RADIO_BLIND_S: f64 = 5.0;
 /// Maximum age of the radio's position that extends a flare without vision, s.
@@ -419,10 +418,11 @@ pub(super) fn blind_limit(deck: &Deck) -> f64 {
     }
 }
 
-/// Time for which the rotors carry a landed drone above the deck in a false touchdown, s.
+/// Time for which the rotors must carry a landed drone above the deck before the touchdown counts as false, s.
 const AIRBORNE_S: f64 = 1.0;
 
-/// Stays landed until armed again after a disarm, or shown to fly; the link then keeps the motors running.
+/// Stays landed until the drone is armed again after a disarm, or shown to fly. In the latter case the link keeps the
+/// motors running.
 fn landed(
     disarmed: bool,
     airborne: Option<DroneTime>,
@@ -465,7 +465,7 @@ fn above(deck: &Deck, c: &MissionConfig) -> bool {
     deck.vision_age_s <= c.vision_fresh_s && deck.distance_m <= RESUME_DISTANCE_M
 }
 
-/// Holds until data are fresh and a landing is ordered. `hold`: this hold with the start of fresh data.
+/// Holds until data are fresh and a landing is ordered. `hold`: this hold, with the start of fresh data.
 fn held(
     cause: HoldCause,
     hold: impl Fn(Option<DroneTime>) -> MissionPhase,

@@ -1,8 +1,8 @@
-//! Station next to the vessel: a place ordered for a limited time, in the frame of the vessel's mean heading.
+//! Station: a place next to the vessel, ordered for a limited time, in the frame of the vessel's mean heading.
 //!
-//! It is a hold ([`HoldCause::Station`]) and ends as any hold does. Its height is that of an approach, clear
-//! of all keep-out volumes; over a shared deck it differs from other drones' places and stations. If two
-//! drones are ordered to one height at once, the vessel's grant decides on the first, and the other leaves.
+//! It is a hold ([`HoldCause::Station`]) and ends like any hold. Its height is an approach height, clear of all
+//! keep-out volumes; over a shared deck it differs from other drones' places and stations. If two drones are ordered to
+//! the same height at once, the vessel's grant decides which is first, and the other leaves.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::ReasonCode::{
@@ -89,7 +89,7 @@ fn rejected(
         .or_else(|| impossible(station, s, c))
 }
 
-/// Transition by an order for a station, or continuation with the reason of its rejection.
+/// Transition on an order for a station; if it is rejected, continuation with the reason.
 pub(super) fn commanded(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -110,18 +110,18 @@ pub(super) fn commanded(
         until: s.now + Span::from_secs(60.0 * f64::from(station.for_min)),
     };
     let mut next = holding(HoldCause::Station(kept), s, c);
-    // A drone over the vessel climbs straight up first.
+    // A drone above the vessel climbs straight up first.
     if let (MissionPhase::Hold { at, .. }, Some(mean)) = (&mut next, s.mean_deck_z) {
         at.z = at.z.min(mean - f64::from(station.height_m));
     }
     Some(next.enter(waiting(&kept, s)))
 }
 
-/// Distance from the station, m, and the time left there.
+/// Distance from the station, m, and the remaining time there.
 fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     let left_s = (kept.until - s.now).secs().max(0.0);
     let off_m = s.fresh_deck().map_or(0.0, |deck| {
-        // Position of the drone from the deck's centre.
+        // Position of the drone relative to the deck's centre.
         let own = Vector3::new(-deck.bearing_rad.cos(), -deck.bearing_rad.sin(), 0.0) * deck.distance_m;
         let bearing = deck.heading_rad + kept.station.bearing_rad();
         let there = Vector3::new(bearing.cos(), bearing.sin(), 0.0) * kept.station.distance_m();
@@ -131,8 +131,8 @@ fn waiting(kept: &KeptStation, s: &Situation) -> Reason {
     Reason::new(OnStation, left_s, off_m)
 }
 
-/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel
-/// the drone stays over ground. Orders, low battery and changes of mode come first.
+/// Keeps the station in `phase` until its time is over or the place becomes impossible. Without the vessel the drone
+/// stays over ground. Orders, low battery and mode changes take precedence.
 pub(super) fn keeps(
     phase: MissionPhase,
     kept: &KeptStation,
@@ -149,7 +149,7 @@ pub(super) fn keeps(
     phase.stay(without.unwrap_or_else(|| waiting(kept, s)))
 }
 
-/// A drone that leaves a station goes to its waiting place's height, because the station's may be reserved.
+/// A drone that leaves a station moves to the height of its waiting place, because that of the station may be reserved.
 pub(super) fn leaves(
     phase: MissionPhase,
     mut next: MissionPhase,
@@ -163,8 +163,8 @@ pub(super) fn leaves(
     next
 }
 
-/// Next waypoint round the deck to the station, from the deck's centre, NED, m. None while the drone climbs
-/// from low over the vessel, or stays without a vessel.
+/// Next waypoint around the deck to the station, relative to the deck's centre, NED, m. None while the drone climbs
+/// from low above the vessel, or while the vessel is lost.
 pub(super) fn offset(
     kept: &KeptStation,
     at: &Vector3<f64>,
@@ -184,7 +184,7 @@ pub(super) fn offset(
     })
 }
 
-/// Place of a drone that loses the vessel on the way to the station; `at` is the hold's.
+/// Position of a drone that loses the vessel on the way to the station; `at` is that of the hold.
 pub(super) fn held_place(
     kept: &KeptStation,
     at: &Vector3<f64>,

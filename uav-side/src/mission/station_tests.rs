@@ -19,7 +19,7 @@ const ABEAM: Station = Station {
 };
 const ORDER: CommandKind = CommandKind::Station(ABEAM);
 
-/// A drone over its vessel, which heads east.
+/// Drone above its vessel, which heads east.
 fn flying(change: impl FnOnce(&mut Situation)) -> Situation {
     with(|s| {
         if let Some(deck) = &mut s.deck {
@@ -74,7 +74,7 @@ fn station_in_the_frame_of_the_heading() {
     let place = Waypoint::of(d.phase, &flying(|_| ()), &config());
     assert!(place.with_deck && place.offset.is_none(), "{place:?}");
     let high = |s: &mut Situation| s.own.as_mut().unwrap().position.z = -16.3;
-    // Starboard of a vessel that heads east is south; the way there leads round the vessel.
+    // Starboard of a vessel that heads east is south; the path there leads around the vessel.
     let abeam = flying(|s| {
         high(s);
         let deck = s.deck.as_mut().unwrap();
@@ -137,7 +137,7 @@ fn station_rejected_with_its_reason() {
         assert!(d.phase.station().is_none(), "{phase:?}, {why:?}");
         let rejected = d.progress.rejected.and_then(|order| order.shown(s.now));
         assert_eq!(rejected.map(|r| r.code), Some(why), "{phase:?}");
-        // The autopilot link acts on the waiting reason (it arms), so that must not change with the order.
+        // The autopilot link acts on the waiting reason (it arms), so the order must not change that reason.
         let without = decided(phase, None, &s);
         assert_eq!(
             (d.phase.state(), d.waiting),
@@ -146,7 +146,7 @@ fn station_rejected_with_its_reason() {
     }
 }
 
-/// The vessel's grant decides on the station's first owner; the other drone returns to its own height.
+/// The vessel's grant decides on the first owner of the station; the other drone returns to its own height.
 #[test]
 fn station_of_another_drone() {
     let order = |height_m| CommandKind::Station(Station { height_m, ..ABEAM });
@@ -163,7 +163,7 @@ fn station_of_another_drone() {
         assert_eq!(why, taken.then_some(StationTaken), "{other_m} m, {height_m} m");
         assert_eq!(d.phase.station().is_none(), taken);
     }
-    // Both were ordered to the station before either knew of the other.
+    // Both drones were ordered to the station before either knew of the other.
     let high = |other_m| Situation {
         own: flies(other_m).own.map(|own| OwnState {
             position: Vector3::new(0.0, 20.0, -31.3),
@@ -214,7 +214,7 @@ fn own_deck_may_be_kept_from_above() {
     let above = CommandKind::Station(Station { right_m: 0, ..ABEAM });
     let d = commanded(TRACKING, above, &flying(|_| ()));
     assert!(d.phase.station().is_some());
-    // Without the deck's reservation the drone leaves the station.
+    // The drone leaves the station when it loses the deck's reservation.
     let d = step(&d, &flying(|s| s.reservation = Reservation::Others(2)));
     assert_eq!(d.entered.map(|why| why.code), Some(StationTooNear));
 }
@@ -244,7 +244,7 @@ fn station_ended_by_time_vessel_or_mode() {
     assert_eq!(step(&on_station(), &taken).phase, MissionPhase::Idle);
 }
 
-/// Without the vessel the drone stays over ground, and continues once it is back.
+/// Without the vessel the drone stays over ground, and continues once the vessel is received again.
 #[test]
 fn station_after_a_silence() {
     let high = |s: &mut Situation| {
@@ -266,7 +266,6 @@ fn station_after_a_silence() {
         assert_eq!((d.waiting.code, offset(&d, &silent)), (NoVessel, None));
         let place = Waypoint::of(d.phase, &silent, &config());
         assert!((place.at.x + 20.0).abs() < 1e-9 && !place.with_deck, "{place:?}");
-        // The vessel is back, 490 m further away.
         let back = flying(|s| {
             high(s);
             s.deck.as_mut().unwrap().distance_m = 490.0;
@@ -297,7 +296,6 @@ fn station_ended_by_an_order() {
     };
     let d = commanded(&on_station(), CommandKind::Station(other), &s);
     assert_eq!(d.phase.station().map(|kept| kept.station), Some(other));
-    // A rejected order does not change the station.
     let low = CommandKind::Station(Station { height_m: 3, ..ABEAM });
     let d = commanded(&on_station(), low, &s);
     assert_eq!(

@@ -27,7 +27,6 @@ fn of(predicted: &[i8], measured: &[u8], wind_mps2: f64) -> f64 {
     Staying::of(&Slopes::of(Some(&f), &wind), &support).probability
 }
 
-/// Four-second waves with this slope.
 fn waves(s: i8) -> [i8; 48] {
     core::array::from_fn(|k| (f64::from(s) * (core::f64::consts::TAU * k as f64 / 16.0).sin()).round() as i8)
 }
@@ -57,12 +56,12 @@ fn slope_measured_a_moment_ago() {
 
 #[test]
 fn drift_by_waves_and_wind_together() {
-    // Waves that move the drone to both sides, and the apparent wind of a vessel at 8 m/s.
+    // Waves that move the drone in both directions, and the apparent wind of a vessel at 8 m/s.
     let mut steep = [22; 60];
     (steep[0], steep[1]) = (5, 5);
     assert!(likely(of(&[0; 48], &steep, 0.0)));
     assert!(!likely(of(&[0; 48], &steep, 2.0)) && likely(of(&[0; 48], &[10; 60], 2.0)));
-    // Trim and heel act like a wind.
+    // Trim and heel act like wind.
     assert!(!likely(of(&[8; 48], &steep, 0.0)));
 }
 

@@ -13,7 +13,7 @@ use super::{MissionIn, MissionNode};
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionSuccession {
-    /// State until it is known whether a predecessor flew the drone.
+    /// Start-up, until it is known whether a predecessor was flying the drone.
     pub(super) beginning: Option<MissionStartUp>,
     /// Reason to make the drone safe first: no checkpoint at the start, or control lost to a hold.
     pub(super) needs_safe_start: Option<ReasonCode>,
@@ -23,7 +23,7 @@ pub(super) struct MissionSuccession {
 }
 
 impl MissionNode {
-    /// Returns the command received during the start.
+    /// Begins in the decided state. Returns the command received during the start.
     fn begin(&mut self, now: Time<DroneClock>, begun: &Begun) -> Option<CommandKind> {
         self.succession.needs_safe_start = begun.checkpoint.is_none().then_some(ReasonCode::Restarted);
         if let Some(m) = &begun.checkpoint {
@@ -84,7 +84,7 @@ impl MissionNode {
         Some((self.begin(now, &begun), begun.rejected))
     }
 
-    /// Continues as its own successor after a pause longer than other nodes wait for the mission's state.
+    /// Acts as its own successor after a pause longer than other nodes wait for the mission's state.
     fn resume(&mut self, now: Time<DroneClock>, s: &Situation) {
         let state = self.phase.state();
         let stopped = self.progress.stopped;
@@ -98,7 +98,7 @@ impl MissionNode {
         }
     }
 
-    /// Decision of an idle mission on a drone in flight, found without a checkpoint or near the vessel.
+    /// Decision of an idle mission about a drone in flight, found without a checkpoint or near the vessel.
     pub(super) fn keeps_clear(&mut self, s: &Situation) -> Option<Decision> {
         let waits = self.phase == MissionPhase::Idle;
         // A drone handed over above the deck stays there.

@@ -24,7 +24,7 @@ fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     }
 }
 
-/// First state of a successor with this checkpoint, `height` above the deck, and its rejection.
+/// First state of a successor with this checkpoint, `height` above the deck, and why the checkpoint was rejected.
 fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
     let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
@@ -157,8 +157,8 @@ fn abort_among_many_commands_to_a_successor() {
     }
 }
 
-/// For each state, control after a reboot and charge the purpose of the flight continues, or the drone
-/// returns or waits for an order; a landing that the pilot has ended stays ended.
+/// For each state, control after a reboot, and charge, the purpose of the flight continues, or the drone returns or
+/// waits for an order. A landing that the pilot has ended stays ended.
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};

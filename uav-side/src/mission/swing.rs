@@ -1,10 +1,9 @@
-//! Oscillation of the commanded attitude: an unstable loop of pilot and autopilot commands alternating tilts
-//! that neither plan nor wind requires.
+//! Oscillation of the commanded attitude: an unstable loop of pilot and autopilot commands alternating tilts that
+//! neither plan nor wind requires.
 //!
-//! The commanded tilt gives the plan's acceleration `a` against the disturbance `d`, and the feedback `r =
-//! (f_c / g) - (a - d) / g` with the horizontal specific force `f_c` of the commanded attitude. Its part
-//! slower than a second is a position error or wind; the oscillation is the faster part's RMS over two
-//! seconds.
+//! The commanded tilt produces the plan's acceleration `a` against the disturbance `d`, plus the feedback `r = (f_c /
+//! g) - (a - d) / g`, where `f_c` is the horizontal specific force of the commanded attitude. Feedback slower than a
+//! second is a position error or wind; the oscillation is the RMS of the faster part over two seconds.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::geometry::GRAVITY;
@@ -12,21 +11,21 @@ use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
-/// Time constant of feedback that is no oscillation, s: an unstable loop oscillates in about a second.
+/// Time constant of feedback that does not count as oscillation, s: an unstable loop oscillates in about a second.
 const SLOW_S: f64 = 1.0;
 const AVERAGE_S: f64 = 2.0;
 /// Gap between set-points after which the monitor restarts, s.
 const MAX_GAP_S: f64 = 0.3;
-/// Variance of acceleration, (m/s²)², and its derivative, (m/s³)², below which a plan explains nothing.
+/// Variances of the plan's acceleration, (m/s²)², and of its derivative, (m/s³)², below which a plan explains no
+/// oscillation.
 const PLAN_VARIANCE: f64 = 0.01;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct SwingMonitor {
-    /// Time and plan's acceleration of the newest set-point.
     last: Option<(Time<DroneClock>, Vector2<f64>)>,
-    /// Slow part of feedback, plan's acceleration and its derivative (columns), north and east.
+    /// Slow parts of feedback, planned acceleration and its derivative (columns), north and east.
     slow: Matrix2x3<f64>,
-    /// Moments of the faster part.
+    /// Second moments of the fast parts.
     moments: Matrix3<f64>,
 }
 
@@ -69,8 +68,8 @@ mod tests {
     use alight_shared::msg::Header;
     use nalgebra::UnitQuaternion;
 
-    /// Oscillation after ten seconds of `roll(t)` (rad) and lateral acceleration `a(t)` (m/s²) of the plan,
-    /// at a heading of 1 rad in a constant wind of 2 m/s².
+    /// Oscillation after ten seconds of `roll(t)` (rad) and lateral planned acceleration `a(t)` (m/s²), at a heading of
+    /// 1 rad in a constant wind of 2 m/s².
     fn swing(roll: impl Fn(f64) -> f64, a: impl Fn(f64) -> f64) -> f64 {
         let mut m = SwingMonitor::default();
         let across = UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0) * Vector3::y();
@@ -106,7 +105,7 @@ mod tests {
         assert!(quiet < 0.1, "{quiet}");
         let slow = swing(|t| 0.1 * (0.4 * t).sin(), waves);
         assert!(slow < 2.5, "{slow}");
-        // Commands that lead the plan over a deck at 7 m/s by 0.15 s (8 deg rms), without and with a limit cycle.
+        // Commands that lead the plan by 0.15 s (8 deg RMS) over a deck at 7 m/s, without and with a limit cycle.
         let fast = |t: f64| 2.0 * (9.0 * t).sin();
         let leads = |t: f64| 0.15 * 2.0 * 9.0 * (9.0 * t).cos() / GRAVITY;
         let deck = swing(leads, fast);

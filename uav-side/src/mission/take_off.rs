@@ -1,9 +1,10 @@
 //! Take-off from the deck: checks, countdown, arming, lift-off at the best time, and climb.
 //!
-//! The mission commands nothing before the end of the countdown. In [`MissionPhase::SpinUp`] the link selects
-//! the mode and arms while the pilot stands on the deck; in [`MissionPhase::TakeOff`] the pilot jumps. A stop
-//! before the feet have left the deck cuts the thrust, and the link disarms ([`MissionPhase::StandDown`]).
-//! Afterwards only climbing is safe: an order to stop leads to the hold at the end of every take-off.
+//! The mission commands nothing before the end of the countdown. In [`MissionPhase::SpinUp`] the link selects the mode
+//! and arms while the pilot node keeps the drone on the deck; in [`MissionPhase::TakeOff`] the pilot node jumps. If the
+//! take-off is stopped before the feet have left the deck, the thrust is cut and the link disarms
+//! ([`MissionPhase::StandDown`]). Afterwards only climbing is safe: an order to stop leads to the hold at the end of
+//! every take-off.
 
 use alight_shared::landing::MAX_TILT_RAD;
 use alight_shared::msg::ReasonCode::{
@@ -29,26 +30,26 @@ use crate::standing::{StandingVerdict, WITNESSED_WITHIN_S};
 
 /// Duration of the countdown shown to the crew, s.
 const COUNTDOWN_S: f64 = 5.0;
-/// Time within which the autopilot has to arm, s: a second of set-points before PX4's OFFBOARD, three
-/// attempts a second apart, and two heartbeats a second apart.
+/// Time within which the autopilot must arm, s: a second of set-points before PX4's OFFBOARD, three attempts a second
+/// apart, and two heartbeats a second apart.
 const ARMING_S: f64 = 10.0;
-/// Time until a pending command to arm shows an effect, s: its answer, and two heartbeats a second apart.
+/// Time until a pending arming command shows an effect, s: its answer, and two heartbeats a second apart.
 const ARMING_SHOWS_S: f64 = 3.0;
-/// Time until turning rotors are at idle speed, s: speed controllers start within a second, unreported.
+/// Time until turning rotors reach idle speed, s: speed controllers start within a second, which is not reported.
 const IDLES_S: f64 = 1.5;
-/// Maximum time on the deck with turning rotors, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, at
-/// rest) disarm after 10 s, and the heartbeat that reports the arming may be a second late.
+/// Maximum time on the deck with turning rotors, s: PX4 (COM_DISARM_PRFLT) and ArduCopter (DISARM_DELAY, at rest)
+/// disarm after 10 s, and the heartbeat that reports the arming may be a second late.
 const MOMENT_S: f64 = 8.5;
-/// Rise below which a drone may tip over a foot, m: half of its feet's span times the sine of the angle.
+/// Rise below which a drone may tip over a foot, m: half of the feet's span times the sine of the angle.
 const TIPS_BELOW_M: f64 = 0.1;
 /// Clearance of a drone that is clear of the deck, with and without a detection, m.
 const CLEAR_M: f64 = 3.0;
 const CLEAR_BLIND_M: f64 = 6.0;
 /// Time after which a drone that has left the deck climbs out, s.
 const TAKE_OFF_S: f64 = 6.0;
-/// Maximum time of the climb-out before a hold, s: twice that of 20 m at 2 m/s and the way out.
+/// Maximum duration of the climb-out before a hold, s: twice that of 20 m at 2 m/s and the path away from the vessel.
 const CLIMB_OUT_S: f64 = 30.0;
-/// Maximum distance from the forecast deck's centre of a drone on the deck, m: two receivers and half a deck.
+/// Maximum distance between the forecast deck's centre and a drone on the deck, m: two receivers and half a deck.
 const ON_DECK_M: f64 = 5.0;
 
 /// Reason not to leave the deck, by the vessel's report: no fresh grant, another owner, or no clearance.
@@ -94,7 +95,7 @@ pub(super) fn commanded(
     Some(MissionPhase::Preparing.enter(TakeOffCommanded))
 }
 
-/// Transition on an order to stop; None if the take-off continues to its hold or is stopped.
+/// Transition on an order to stop; None if the take-off continues to its hold or has already been stopped.
 pub(super) fn stopped(
     phase: MissionPhase,
     s: &Situation,
@@ -130,7 +131,7 @@ pub(super) fn stopped(
     }
 }
 
-/// Whether a rise measured without a gap shows the feet on the deck, so that the thrust may be cut.
+/// Whether a rise measured without a gap shows that the feet are on the deck, so that the thrust may be cut.
 fn stands(left: bool, s: &Situation) -> bool {
     !left && s.leaving.risen_m < LIES_BELOW_M && is_measured(s)
 }
@@ -138,7 +139,7 @@ fn is_measured(s: &Situation) -> bool {
     s.leaving.rise_measured && old_data(s).is_none()
 }
 
-/// Transition on a set-point loss with a hold low over the deck: a climb once set-points are back.
+/// Transition on a set-point loss with a hold low above the deck: a climb once set-points are followed again.
 pub(super) fn set_points_lost(
     phase: MissionPhase,
     s: &Situation,
@@ -148,7 +149,6 @@ pub(super) fn set_points_lost(
     leaves.then(|| climbing_out(s, c).enter(NotFlying))
 }
 
-/// Ends a take-off before anything was commanded.
 fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     if s.flight == ControlState::Disarmed {
         MissionPhase::Idle.enter(why)
@@ -156,8 +156,8 @@ fn stop(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
         down(s, why)
     }
 }
-/// Ends a take-off after the motors may have started. The thrust is cut if the drone stands; otherwise it
-/// climbs, because the autopilot may have lifted it after a set-point loss.
+/// Ends a take-off after the motors may have started. The thrust is cut if the drone stands; otherwise it climbs,
+/// because the autopilot may have lifted it after a set-point loss.
 fn cut(s: &Situation, c: &MissionConfig, why: impl Into<Reason>) -> PhaseTransition {
     if is_armed(s)
         && s.leaving.standing != StandingVerdict::Stands
@@ -172,14 +172,13 @@ fn down(s: &Situation, why: impl Into<Reason>) -> PhaseTransition {
     let why = why.into();
     standing_down(s, why).enter(why)
 }
-/// Whether the drone is armed under our control.
 fn is_armed(s: &Situation) -> bool {
     matches!(
         s.flight,
         ControlState::OnGround | ControlState::Ours | ControlState::SetPointsLost
     )
 }
-/// Stand-down with the thrust cut. A disarmed drone's rotors may turn, if a command to arm is pending.
+/// Stand-down with the thrust cut. While an arming command is pending, a disarmed drone's rotors may still start.
 pub(super) fn standing_down(s: &Situation, why: Reason) -> MissionPhase {
     let unarmed = matches!(s.flight, ControlState::Disarmed | ControlState::Unknown);
     MissionPhase::StandDown {
@@ -192,7 +191,6 @@ fn turns(s: &Situation) -> Option<Reason> {
     (s.course == Course::Turning).then(|| VesselTurns.into())
 }
 
-/// Reason not to take off from the deck.
 fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let first = s
         .not_cleared
@@ -208,7 +206,6 @@ fn unfit(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     })
 }
 
-/// Reason against a take-off before the motors start.
 fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let grounded = (!s.on_ground).then(|| NotOnDeck.into());
     let away = || exceeds(NotOnDeck, s.deck?.distance_m, ON_DECK_M);
@@ -221,7 +218,7 @@ fn unprepared(s: &Situation, c: &MissionConfig) -> Option<Reason> {
     grounded.or_else(|| unfit(s, c)).or_else(away).or_else(low)
 }
 
-/// Transition when the drone is armed by others.
+/// Transition if another authority has armed the drone.
 fn taken_over(s: &Situation) -> Option<PhaseTransition> {
     match s.flight {
         ControlState::OnGround
@@ -271,7 +268,7 @@ pub(super) fn countdown(since: DroneTime, s: &Situation, c: &MissionConfig) -> P
     .enter(CountedDown)
 }
 
-/// Waits with started motors for the arming, turning rotors, and the lift-off time.
+/// Waits with motors started for arming, for turning rotors, and for the lift-off time.
 pub(super) fn spin_up(
     since: DroneTime,
     armed: Option<DroneTime>,
@@ -329,7 +326,7 @@ fn rising(s: &Situation) -> MissionPhase {
     }
 }
 
-/// Lifts off and climbs clear. The thrust may be cut while a rise without a gap shows feet on the deck.
+/// Lifts off and climbs clear. The thrust may be cut while a rise without a gap shows that the feet are on the deck.
 pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let (rose, lasted_s) = (s.leaving.risen_m, (s.now - since).secs());
     let left = left || rose >= LEFT_M;
@@ -337,7 +334,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        // Stuck feet do not explain a time without sufficient thrust.
+        // Stuck feet do not explain time spent without sufficient thrust.
         let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));
@@ -358,9 +355,9 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     leaving
 }
 
-/// Climbs away from the vessel to the height of the approach, where the drone holds for the next pilot or
-/// program. Clear of the vessel an order, a low battery or stale data end this state early, and its maximum
-/// time ends it anywhere. The hold then completes the climb and responds to each of them.
+/// Climbs away from the vessel to the approach height, where the drone holds for the next pilot or program. Clear of
+/// the vessel, an order, a low battery or stale data end this state early; its maximum duration ends it anywhere. The
+/// hold then completes the climb and responds to each of them.
 pub(super) fn climb_out(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -416,8 +413,8 @@ pub(super) fn climb_out(
     }
 }
 
-/// Stands down until the drone is disarmed or was never armed. From the autopilot's hold after a set-point
-/// loss it returns to this state's set-points. A drone that is not shown to stand may fly, and climbs.
+/// Stands down until the drone is disarmed or was never armed. From the autopilot's hold after a set-point loss it
+/// returns to this state's set-points. A drone that is not shown to stand may be flying, so it climbs.
 pub(super) fn stand_down(
     since: DroneTime,
     unarmed: Option<Reason>,

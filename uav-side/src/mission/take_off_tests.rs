@@ -28,7 +28,6 @@ pub(super) fn permits() -> MissionConfig {
 fn moments(now: LiftOff) -> Option<Moments> {
     Some(Moments { now, later: None })
 }
-/// A disarmed drone on a suitable deck.
 pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     let mut s = with(|s| {
         s.flight = ControlState::Disarmed;
@@ -41,7 +40,7 @@ pub(super) fn standing(change: impl FnOnce(&mut Situation)) -> Situation {
     change(&mut s);
     s
 }
-/// Drone that stands by two witnesses, with rotors reported turning for `turn_s` (s).
+/// Drone that stands by two witnesses, with rotors that have been reported turning for `turn_s` (s).
 fn spun(turn_s: f64, change: impl FnOnce(&mut Situation)) -> (MissionPhase, Situation) {
     let phase = MissionPhase::SpinUp {
         since: at(10.0 - turn_s),
@@ -131,7 +130,7 @@ fn checks_before_the_countdown() {
         };
         assert_eq!(follows(counting, None, &s), expected);
     }
-    // The wait is bounded, and no take-off follows a pilot's arming.
+    // The wait is bounded, and arming by a pilot is not followed by a take-off.
     assert_eq!(waits(|s| s.now = at(69.1)), (State::Idle, OrderExpired));
     assert_eq!(waits(|s| s.flight = ControlState::Ours), (State::Idle, NotOnDeck));
 }
@@ -164,7 +163,7 @@ fn countdown_and_arming() {
     };
     assert_eq!(follows(spins(9.9), None, &s), (State::SpinUp, Arming));
     assert_eq!(follows(spins(10.1), None, &s), (State::StandDown, ArmingRejected));
-    // Alight armed the drone, and others disarmed it or chose another mode.
+    // Alight armed the drone, and another authority disarmed it or chose another mode.
     let (phase, s) = spun(1.0, |s| s.flight = ControlState::Disarmed);
     assert_eq!(follows(phase, None, &s), (State::Idle, Disarmed));
     let (phase, s) = spun(1.0, |s| {
@@ -181,7 +180,7 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.4, |_| {}), (State::SpinUp, SpinningUp));
     assert_eq!(at_moment(1.6, |_| {}), (State::TakeOff, GoodMoment));
-    // The mission waits for motors that stand still while the autopilot stays armed.
+    // The mission waits while the autopilot is armed but the motors do not turn.
     let still: fn(&mut Situation) = |s| s.leaving.rotors_turn_s = 0.0;
     for (armed_s, expected) in [
         (1.6, State::SpinUp),
@@ -201,7 +200,6 @@ fn moment_of_the_take_off() {
         at_moment(8.6, |s| s.motors_stopped = true),
         (State::StandDown, SpinningUp)
     );
-    // It waits for a better moment while the autopilot stays armed.
     let better: fn(&mut Situation) = |s| {
         s.leaving.lift_off = Some(Moments {
             now: LiftOff { along: 0.96, ..SURE },
@@ -210,7 +208,6 @@ fn moment_of_the_take_off() {
     };
     assert_eq!(at_moment(1.6, better), (State::SpinUp, ReasonCode::BetterMoment));
     assert_eq!(at_moment(8.6, better), (State::TakeOff, GoodMoment));
-    // The crew withdraws its clearance.
     let closed: fn(&mut Situation) = |s| s.not_cleared = Some(DeckReserved.into());
     assert_eq!(at_moment(3.0, closed), (State::StandDown, DeckReserved));
 }
@@ -231,7 +228,7 @@ fn climbing(since_s: f64, stopped: bool) -> MissionPhase {
     }
 }
 
-/// The thrust is not cut after an unmeasured rise, nor for a drone that descends to the deck again.
+/// The thrust is cut neither after an unmeasured rise nor while a drone descends to the deck again.
 #[test]
 fn thrust_of_a_drone_that_may_be_in_the_air() {
     let s = with(|s| (s.leaving.risen_m, s.leaving.tips_rad) = (0.05, 0.3));
@@ -258,7 +255,7 @@ fn thrust_of_a_drone_that_may_be_in_the_air() {
     assert!(matches!(d.phase, MissionPhase::TakeOff { left: true, .. }) && d.progress.sortie);
 }
 
-/// Low over the deck only climbing is safe, whoever controls the drone.
+/// Low above the deck only climbing is safe, under any control authority.
 #[test]
 fn set_points_that_cease_in_a_take_off() {
     let holds = with(|s| (s.flight, s.leaving.risen_m) = (ControlState::SetPointsLost, 0.5));
@@ -313,7 +310,7 @@ fn set_points_that_cease_while_it_stands() {
     }
 }
 
-/// Over the deck the climb continues; clear of it an order, a low battery or stale data end it.
+/// Above the deck the climb continues; clear of it an order, a low battery or stale data end it.
 #[test]
 fn climb_that_ends_sooner() {
     let over = with(|_| {});
@@ -366,7 +363,7 @@ fn feet_that_leave_the_deck_or_do_not() {
     assert_eq!(leaves(0.3, 0.05, 0.18, false), (State::StandDown, TipsOver));
     assert_eq!(leaves(0.3, 0.15, 0.18, false).0, State::TakeOff, "it levels");
     assert_eq!(leaves(1.1, 0.1, 0.05, false), (State::StandDown, DoesNotRise));
-    // The mission waits for sufficient thrust, with which the drone has to rise.
+    // The mission waits for sufficient thrust; then the drone must rise.
     let lifted = |since_s: f64, lifts_s: f64| {
         let s = with(|s| (s.leaving.risen_m, s.leaving.lifts_s, s.on_ground) = (0.02, Some(lifts_s), false));
         follows(rising(since_s, false), None, &s)
@@ -398,20 +395,20 @@ fn take_off_stopped_by_an_operator() {
                 (MissionPhase::Idle, Some(Operator))
             );
         }
-        // The drone is armed, or a command to arm may be pending.
+        // The drone is armed, or an arming command may be pending.
         let (armed, s) = spun(2.0, |_| {});
         let since = at(8.0);
         let waits = MissionPhase::SpinUp { since, armed: None };
         for (phase, s) in [(armed, s), (waits, on_deck)] {
             assert_eq!(follows(phase, Some(command), &s), (State::StandDown, Operator));
         }
-        // On the deck an order stops the take-off, as does the closing of the deck.
+        // On the deck the take-off is stopped by an order, or when the deck is closed.
         let s = with(|s| s.leaving.risen_m = 0.1);
         assert_eq!(
             follows(rising(0.2, false), Some(command), &s),
             (State::StandDown, Operator)
         );
-        // The feet may have left, so the take-off continues to its hold, and the sortie ends as usual.
+        // The feet may have left the deck, so the take-off continues to its hold, and the sortie ends as usual.
         let s = with(|s| s.leaving.risen_m = 0.2);
         let d = decided(rising(0.4, false), Some(command), &s);
         assert_eq!((d.phase, d.progress.stopped), (rising(0.4, false), false));
@@ -444,7 +441,6 @@ fn end_of_a_take_off() {
         follows(stands(9.0, None), None, &disarmed),
         (State::Idle, Disarmed)
     );
-    // A command to arm may be pending.
     let stopped = |since_s| follows(stands(since_s, Some(Operator.into())), None, &disarmed);
     assert_eq!(stopped(7.1), (State::StandDown, Arming));
     assert_eq!(stopped(6.9), (State::Idle, Operator));
@@ -453,7 +449,7 @@ fn end_of_a_take_off() {
         follows(spins, None, &set_points_lost),
         (State::StandDown, ReasonCode::NotFlying)
     );
-    // A low battery does not end a new climb.
+    // A low battery does not end a climb that has just begun.
     let climbs = climbing(2.0, false);
     let low = with(|s| s.battery = Some(0.1));
     let (state, why) = follows(climbs, None, &low);
@@ -491,8 +487,7 @@ fn successor_of_a_mission_that_takes_off() {
     ] {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
-    // The drone is on the deck by its autopilot or the camera; by receivers alone, or while it rises, it is
-    // not.
+    // The drone is on the deck by its autopilot or the camera, but not by receivers alone or while it rises.
     let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
         with(|s| {
             s.on_ground = on_ground;
@@ -509,14 +504,14 @@ fn successor_of_a_mission_that_takes_off() {
     assert_eq!(on_deck(f64::INFINITY, true, 0.0), State::StandDown);
     assert_eq!(on_deck(f64::INFINITY, false, 0.0), State::ClimbOut);
     assert_eq!(on_deck(0.05, true, -2.0), State::ClimbOut);
-    // Without a deck the autopilot's report may be old; after the lift-off it is wrong.
+    // Without a deck the autopilot's report may be old; after lift-off it is wrong.
     let mut s = low(0.05, true, 0.0);
     assert_eq!(restored_in(State::TakeOff, true, &s).0, State::ClimbOut);
     s.deck = None;
     assert_eq!(restored_in(State::TakeOff, false, &s).0, State::ClimbOut);
 }
 
-/// The battery ends it at once from the hold, otherwise by an order that waits for the drone.
+/// A low battery ends the sortie at once from the hold, otherwise by an order that waits for the drone.
 #[test]
 fn end_of_a_sortie_by_the_battery() {
     let due = Reason::new(ReasonCode::TurnsBack, 0.3, 0.31);
@@ -543,13 +538,13 @@ fn end_of_a_sortie_by_the_battery() {
     });
     let d = step(MissionPhase::Idle, sortie(false), &others);
     assert_eq!((d.entered, d.progress.landing), (Some(due), true));
-    // A hold ordered on the way stops no landing.
+    // A hold ordered on the way is not a stop of a landing.
     for phase in [hold, MissionPhase::Idle] {
         let waits = with(|_| {});
         let d = decide(phase, sortie(false), Some(CommandKind::Hold), &waits, &permits());
         assert!(!d.progress.stopped, "{phase:?}");
     }
-    // A drone that could not fly back is not handed over, but returns despite a reason against a landing.
+    // A drone that could not fly back is not handed over; it returns despite a reason against a landing.
     let with_order = MissionProgress {
         landing: true,
         started: at(9.0),

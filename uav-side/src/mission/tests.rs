@@ -36,7 +36,7 @@ pub(super) fn wanted() -> MissionProgress {
     }
 }
 
-/// A calm deck 6.7 m below the feet, detected.
+/// Calm, detected deck, 6.7 m below the feet.
 fn fair_deck() -> Deck {
     Deck {
         clearance_m: 6.7,
@@ -64,7 +64,7 @@ fn fair_deck() -> Deck {
     }
 }
 
-/// A drone 7 m above the middle of a calm deck that it detects, with fresh data.
+/// Drone with fresh data, 7 m above the centre of a calm deck that it detects.
 pub(super) fn fair() -> Situation {
     Situation {
         now: at(10.0),
@@ -146,7 +146,7 @@ pub(super) fn with(change: impl FnOnce(&mut Situation)) -> Situation {
 pub(super) fn with_deck(change: impl FnOnce(&mut Deck)) -> Situation {
     with(|s| change(s.deck.as_mut().unwrap()))
 }
-/// Phase with its usual progress (an attempt under way from the descent on), or result of a decision.
+/// Phase with its usual progress (an attempt in progress from the descent on), or the result of a decision.
 #[derive(Clone, Copy)]
 pub(super) struct StepStart(MissionPhase, MissionProgress);
 
@@ -175,7 +175,7 @@ pub(super) fn commanded(from: impl Into<StepStart>, command: CommandKind, s: &Si
     let StepStart(phase, progress) = from.into();
     decide(phase, progress, Some(command), s, &config())
 }
-/// Decision that changed the state within `secs` of a constant situation, or the last one.
+/// Decision that changed the state within `secs` of a constant situation, or the last decision.
 pub(super) fn run(from: impl Into<StepStart>, s: &Situation, secs: f64) -> Decision {
     let mut s = *s;
     let mut last = step(from, &s);
@@ -229,7 +229,7 @@ pub(super) fn goes(d: &Decision, to: State, why: ReasonCode) {
 pub(super) fn waits(d: &Decision, in_state: State, why: ReasonCode) {
     assert_eq!(Does::of(d), Does::Stay(in_state, why), "{d:?}");
 }
-/// Rows: constant situation, duration (s), and decision that changed the state, or the last one.
+/// Rows of: constant situation, duration (s), and the decision that changed the state, or the last decision.
 #[track_caller]
 pub(super) fn table<const N: usize>(start: impl Into<StepStart>, rows: [(Situation, f64, Does); N]) {
     let start = start.into();
@@ -291,7 +291,7 @@ fn silent_vessel_with_its_beacon() {
     let begun = step(MissionPhase::APPROACH, &known(5.0, 2.0));
     goes(&begun, Search, AtBeacon);
     waits(&step(begun.phase, &known(5.0, 2.0)), Search, Searching);
-    // Without a beacon nothing leads to the vessel; a received one is approached directly.
+    // Without a beacon the vessel cannot be found; a vessel that is received is approached directly.
     let lost = with_deck(|d| (d.radio_age_s, d.vision_age_s) = (f64::INFINITY, f64::INFINITY));
     goes(&step(begun.phase, &lost), Hold, NoVessel);
     goes(
@@ -316,7 +316,7 @@ fn silent_vessel_with_its_tags_in_sight() {
     let step = |phase, s: &Situation, c: &MissionConfig| decide(phase, wanted(), None, s, c);
     waits(&step(MissionPhase::Idle, &silent, &config()), Idle, NoVessel);
     goes(&step(MissionPhase::Idle, &silent, &by_tag), Tracking, TagsInSight);
-    // A tag that is not detected, or a drone off the deck, does not lead to the vessel.
+    // A tag that is not detected, or that is away from the drone, does not lead to the vessel.
     for (vision_age_s, distance_m) in [(0.6, 0.1), (f64::INFINITY, 0.1), (0.1, 11.0)] {
         let s = with_deck(|d| {
             d.radio_age_s = f64::INFINITY;
@@ -392,14 +392,12 @@ fn approach_conditions() {
     goes(&step(climb, &high), Approach, HeightReached);
     let rows = [
         (undetected, 5.0, Stay(Approach, NoVision)),
-        // A single detection is not enough.
         (fair(), 0.0, Stay(Approach, NoVision)),
         (fair(), 1.0, Enter(Tracking, InSight)),
-        // Above the deck it is dark; off the deck no detection is expected.
+        // Above the deck it is too dark; away from the deck no detection is expected.
         (dark(0.1), 5.0, Stay(Approach, TooDark)),
         (dark(20.0), 5.0, Stay(Approach, NoVision)),
         (blinded, 5.0, Stay(Approach, Glare)),
-        // Neither vision nor radio is available.
         (blind, 1.0, Enter(Hold, NoVessel)),
     ];
     table(MissionPhase::APPROACH, rows);
@@ -448,7 +446,7 @@ fn reasons_not_to_descend() {
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
         (with_odds(|p| p.outside = 0.5), stays(LikelyOutside)),
         (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
-        // Each limit alone is met with a sufficient probability.
+        // With each limit on its own, the probability is sufficient.
         (each, stays(LikelySlides)),
         (with_odds(|p| p.outside = f64::NAN), stays(LikelyOutside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),

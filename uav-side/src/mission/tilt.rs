@@ -1,10 +1,10 @@
-//! Tilt beyond the commanded one: an autopilot that loses the attitude exceeds every command.
+//! Tilt in excess of the commanded tilt: an autopilot that loses attitude control exceeds every command.
 
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Decay time of a commanded tilt, s: twice a typical attitude loop's lag.
+/// Decay time of a commanded tilt, s: twice the lag of a typical attitude loop.
 const MEMORY_S: f64 = 0.5;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -13,7 +13,7 @@ pub(super) struct TiltMonitor {
 }
 
 impl TiltMonitor {
-    /// Processes the newest set-point. The `drone`'s tilt replaces the commands before the first one.
+    /// Processes the newest set-point. Before the first command the `drone`'s tilt replaces it.
     pub(super) fn update(&mut self, s: &SetPoint, drone: Option<&DroneState>) {
         if s.kind != SetPointKind::Attitude {
             // The autopilot chooses its own tilt.
@@ -25,7 +25,7 @@ impl TiltMonitor {
         let kept = self.kept(at).unwrap_or_else(is);
         self.commanded = Some((at, kept.max(tilt(&s.attitude()))));
     }
-    /// Tilt beyond the commanded one, rad; 0 without a command.
+    /// Tilt in excess of the commanded tilt, rad; 0 without a command.
     pub(super) fn excess(&self, drone: &DroneState) -> f64 {
         let is = tilt(&drone.attitude());
         self.kept(drone.header.at).map_or(0.0, |max| (is - max).max(0.0))

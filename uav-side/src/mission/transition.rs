@@ -36,7 +36,7 @@ pub fn decide(
         PhaseTransition::Stay(phase, waiting) => (phase, None, waiting),
         PhaseTransition::Go(phase, why) => (phase, Some(why), Reason::default()),
         PhaseTransition::BreakOff(why) if progress.stopped => (gave_up(s, c), Some(why), why),
-        // The drone may be damaged, so there is no further attempt.
+        // The drone may be damaged, so no further attempt is made.
         PhaseTransition::BreakOff(why) if s.hard_contact_mps.is_some() => {
             (gave_up(s, c), hard_contact(s), why)
         }
@@ -90,9 +90,8 @@ fn can_stop(phase: MissionPhase, s: &Situation) -> bool {
 }
 
 /// Whether a landing that an operator stops now is completed, because that contact is softer
-/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even into a
-/// harder, but not harmful contact. Completion is final, because forecasts could reverse it at a decreasing
-/// height.
+/// ([`crate::contingency::ContactOutcomes`]). A drone that would not stay on the deck climbs even into a harder, but
+/// not harmful, contact. Completion is final, because forecasts could otherwise reverse it as the height decreases.
 fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> bool {
     let stays = s.staying.probability >= c.min_probability;
     let harder = s.fresh_deck().and_then(|d| d.ends).is_some_and(|ends| {
@@ -107,14 +106,14 @@ fn completes(phase: MissionPhase, progress: &MissionProgress, s: &Situation, c: 
     touches && phase.state().phase() == Phase::Landing && (progress.stopped || harder && beneath)
 }
 
-/// Keeps an order across a set-point loss, unless a pilot takes over before set-points are back. An order for
+/// Keeps an order across a set-point loss, unless a pilot takes over before set-points are followed again. An order for
 /// a drone that is found in a hold keeps waiting.
 fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: &Situation) {
     match s.flight {
         ControlState::Unknown => {}
         ControlState::SetPointsLost => {
             if !progress.set_points_lost {
-                // The wait for the drone restarts.
+                // Restarts the wait for the drone.
                 progress.started = s.now;
             }
             progress.set_points_lost |= phase.flies();
@@ -127,7 +126,6 @@ fn after_set_point_loss(phase: MissionPhase, progress: &mut MissionProgress, s: 
     }
 }
 
-/// Transitions common to all states.
 fn interrupted(
     phase: MissionPhase,
     progress: &mut MissionProgress,
@@ -162,7 +160,7 @@ fn commanded(
         CommandKind::Abort | CommandKind::Hold => {
             let aborts = command == CommandKind::Abort;
             let completes = completes(phase, progress, s, c);
-            // Neither a take-off nor a sortie before its landing has a landing to stop.
+            // During a take-off, or on a sortie before its landing, there is no landing to stop.
             let away = phase.waits_for_operator() || phase == MissionPhase::Idle;
             progress.cycles.end(ReasonCode::Operator.into());
             let lands = progress.landing || !(phase.takes_off() || progress.sortie && away);
@@ -196,7 +194,7 @@ fn commanded(
                 return None;
             }
             if let Some(why) = s.held_back() {
-                // The reason does not stop a landing that has to be completed.
+                // A landing that must be completed is not stopped by this reason.
                 return (!stopped).then(|| phase.enter(why));
             }
             progress.landing = true;

@@ -1,4 +1,4 @@
-//! Turnaround of unattended cycles ([`super::cycles`]), and hand-over to the autopilot's mission in the air.
+//! Turnaround of unattended cycles ([`super::cycles`]), and handover to the autopilot's mission in the air.
 
 use alight_shared::msg::Reason;
 use alight_shared::msg::ReasonCode::{
@@ -11,7 +11,7 @@ use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, ho
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
-/// Duration of a sufficient charge that makes the drone ready, s: a gauge recovers after a flight.
+/// Time for which the charge must be sufficient for the drone to be ready, s: a gauge recovers after a flight.
 const CHARGED_S: f64 = 30.0;
 /// Time for the autopilot to start its own mission, s: three commands a second apart, and their answers.
 const HAND_OVER_S: f64 = 8.0;
@@ -56,7 +56,7 @@ pub(super) fn stands(
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
 
-/// Whether a reason passes without the crew: the sea, the vessel's course, the radio.
+/// Whether a reason passes without action by the crew: the sea, the vessel's course, the radio.
 const fn passes(why: ReasonCode) -> bool {
     matches!(
         why,
@@ -72,8 +72,8 @@ const fn passes(why: ReasonCode) -> bool {
     )
 }
 
-/// Transition of a drone on the deck without clearance or unfit for a sortie, for the reason `why`. The
-/// mission waits if the reason passes by itself.
+/// Transition of a drone on the deck that has no clearance or is unfit for a sortie, for the reason `why`. The mission
+/// waits if the reason passes by itself.
 pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Reason) -> PhaseTransition {
     if s.not_cleared.is_some() {
         return MissionPhase::STANDS.enter(why);
@@ -88,8 +88,8 @@ pub(super) fn unprepared(progress: &mut MissionProgress, s: &Situation, why: Rea
     MissionPhase::Preparing.stay(why)
 }
 
-/// In the hold after the climb-out, since `progress.started`: hands over to the autopilot's own mission, or
-/// returns to the deck if that does not start.
+/// In the hold after the climb-out, since `progress.started`: hands over to the autopilot's own mission, or returns to
+/// the deck if that does not start.
 pub(super) fn hands_over(
     hold: MissionPhase,
     progress: &mut MissionProgress,

@@ -1,12 +1,12 @@
-//! Value of waiting: probability above which it does not pay, by optimal stopping without recall.
+//! Value of waiting: probability above which waiting does not pay, by optimal stopping without recall.
 //!
-//! A second of waiting costs the probability `c`, for battery and crew. A later probability is modelled as a
-//! draw from those of the last minute, `P`: waiting at `p` pays while `E[(P - p)+] > c`, so a landing begins
-//! at the `p*` with `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
+//! A second of waiting costs the probability `c`, for battery and crew. A later probability is modelled as a draw from
+//! those of the last minute, `P`. Waiting at `p` pays while `E[(P - p)+] > c`, so a landing begins at the `p*` with
+//! `E[(P - p*)+] = c` (DeGroot 1970, Optimal statistical decisions, section 13.4).
 
 use alight_shared::time::{DroneClock, Span, Time};
 
-/// Number of stored probabilities: a minute, one a second.
+/// Number of stored probabilities: one per second for a minute.
 const MAX_DRAWS: usize = 60;
 const DRAW_S: f64 = 1.0;
 

@@ -2,9 +2,9 @@
 //!
 //! A drone that moves at `v` in the mean wind `w` with the gust `g` has the drag `d = -k s u` with `u = v - w - g` and
 //! `s = sqrt(|u|² + u0²)`: quadratic, and linear below `u0`, where the rotors' drag dominates (Faessler et al. 2018).
-//! Drag at the different speeds of an approach identifies both. An extended Kalman filter over `(ln k, w, g)` processes
-//! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. A gust decays with the turbulence's
-//! integral time and has the turbulence's intensity. Changes faster than a gust are attributed to drag.
+//! The different speeds of an approach make both observable. An extended Kalman filter over `(ln k, w, g)` processes
+//! the mean of each second: `dd/d(ln k) = d`, `dd/dw = dd/dg = k (s 1 + u u' / s)`. Gusts decay with the turbulence's
+//! integral time and have its intensity. Changes faster than a gust are attributed to drag.
 
 use alight_shared::landing::{DRAG_PER_M, LINEAR_MPS, TURBULENCE, drag};
 use nalgebra::{Matrix2, Matrix2x5, SMatrix, SVector, Vector2};
@@ -17,9 +17,9 @@ const DRAG_LOG_BOUND: f64 = 4.0 * DRAG_LOG_SD;
 const MAX_WIND_MPS: f64 = 60.0;
 /// Prior standard deviation of each axis of the wind, m/s.
 const UNKNOWN_MPS: f64 = 8.0;
-/// Random walk of the mean wind, m/s per root of a second: 1 m/s in seven minutes.
+/// Random walk of the mean wind, m/s per square root of a second: 1 m/s in seven minutes.
 const CHANGE_MPS: f64 = 0.05;
-/// Time between independent gusts, s: twice the integral time at 8 to 10 m/s.
+/// Time after which gusts are independent, s: twice the integral time at 8 to 10 m/s.
 pub(super) const INDEPENDENT_S: f64 = 10.0;
 /// Integral time of the turbulence, s.
 const GUST_S: f64 = 0.5 * INDEPENDENT_S;
@@ -36,7 +36,7 @@ type Covariance = SMatrix<f64, 5, 5>;
 pub(super) struct WindEstimator {
     /// None before the first sample.
     state: Option<(State, Covariance)>,
-    /// Integrals of disturbance and velocity over time, and the elapsed time.
+    /// Time integrals of disturbance and velocity, and elapsed time.
     sum: (Vector2<f64>, Vector2<f64>, f64),
 }
 
@@ -95,7 +95,7 @@ impl WindEstimator {
         }
     }
 
-    /// Mean wind towards NED, m/s, and the larger of its axes' standard deviations.
+    /// Mean wind (direction of motion, NED, m/s), and the larger of its axes' standard deviations.
     pub(super) fn wind(&self) -> Option<(Vector2<f64>, f64)> {
         let (x, p) = self.state?;
         let sd = p[(1, 1)].max(p[(2, 2)]).max(0.0).sqrt();
@@ -129,7 +129,7 @@ fn gust_variance(x: &State) -> f64 {
     (TURBULENCE * mean(x).norm()).powi(2)
 }
 
-/// Prediction over one sample: constant drag, random walk of the mean wind, first-order Gauss-Markov gust.
+/// Predicts over one sample: constant drag, random walk of the mean wind, first-order Gauss-Markov gust.
 fn predicted(x: &State, p: &Covariance) -> (State, Covariance) {
     let left = (-SAMPLE_S / GUST_S).exp();
     let rises = gust_variance(x) * (1.0 - left * left);
@@ -155,7 +155,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
+    /// Estimator after hover, an approach at 7 m/s to a vessel that moves at `way`, and 25 s above it.
     fn flown(k: f64, wind: Vector2<f64>, way: Vector2<f64>) -> WindEstimator {
         let mut air = WindEstimator::default();
         for step in 0..4000 {
@@ -197,7 +197,7 @@ mod tests {
             .unwrap();
         // Both drones have the same disturbance of 0.7 m/s².
         assert!(calm < 0.5 * windy, "{calm}, {windy}");
-        // Expected is 2 k u sigma along the wind and half of that across it, averaged over both axes.
+        // Expected value: 2 k u sigma along the wind and half of that across it, averaged over both axes.
         let expected = 0.028 * 5.0 * 0.19 * 5.0 * (0.5_f64 * 5.0).sqrt();
         assert!((windy / expected - 1.0).abs() < 0.3, "{windy}, {expected}");
     }

@@ -1,27 +1,27 @@
 //! Smooth odometry of the drone, from the autopilot's odometry and inertial sensors.
 //!
-//! An autopilot corrects position and velocity separately with each GNSS fix: its position moves by a
-//! centimetre ten times a second, and its velocity is not the derivative of its position. A landing needs the
-//! opposite: a frame that may be offset but is consistent with the drone's motion. The inertial sensors are
-//! therefore integrated here again, coupled to the autopilot's odometry so softly that over a second only the
-//! accelerometers' noise matters. A slow velocity error remains, which the predictor estimates by the camera
-//! (`predictor::axis::DRIFT`) and removes.
+//! An autopilot corrects position and velocity separately at each GNSS fix: its position jumps by a centimetre ten
+//! times a second, and its velocity is not the derivative of its position. A landing needs the opposite: a frame that
+//! may be offset but is consistent with the drone's motion. This module therefore integrates the inertial sensors again
+//! and couples them to the autopilot's odometry so softly that over a second only accelerometer noise matters. A slow
+//! velocity error remains; the predictor estimates it with the camera (`predictor::axis::DRIFT`) and removes it.
 //!
-//! The smooth frame is decimetres off the autopilot's; [`Odometry::for_autopilot`] converts set-points back.
+//! The smooth frame is offset from the autopilot's by decimetres; [`Odometry::for_autopilot`] converts set-points back.
 //!
 //! An autopilot's estimate jumps when it aligns its heading, when GNSS returns, or when another sensor takes over the
-//! height; not every jump is counted. This module alone detects such jumps. The smooth frame continues across a jump,
-//! so that plans, hold positions and vision measurements stay valid; the jump is added to [`DroneState::datum_offset`],
+//! height; not every jump is counted. Only this module detects such jumps. The smooth frame continues across a jump, so
+//! that plans, hold positions and vision measurements stay valid; the jump is added to [`DroneState::datum_offset`],
 //! with which the predictor places points given by latitude and longitude. A heading jump is kept in the attitude,
 //! because the autopilot uses that heading, and is summed in [`DroneState::heading_jumps`].
 //!
-//! The module also estimates the lateral disturbance for all nodes: the drag that the accelerometers measure across the
-//! thrust, and the acceleration of the smooth frame that they do not measure, which is their bias and the tilt error;
-//! both are averaged over [`DISTURBANCE_S`]. A gust is known within 0.3 s, and a bias of 0.05 m/s² or a tilt error of
-//! 0.3 deg, each of which would cause 3 cm of position error, is removed. The true wind, the drone's drag ([`air`]) and
-//! the wind over the deck ([`wind`]) follow from it.
+//! The module also estimates the lateral disturbance for all nodes. It is the sum of the drag that the accelerometers
+//! measure across the thrust, and the acceleration of the smooth frame that they do not measure, i.e. their bias and
+//! the tilt error; both are averaged over [`DISTURBANCE_S`]. A gust is known within 0.3 s. A bias of 0.05 m/s² or a
+//! tilt error of 0.3 deg, each of which would cause a position error of 3 cm, is removed. The true wind, the drone's
+//! drag ([`air`]) and the wind over the deck ([`wind`]) follow from it.
 //!
-//! Error of the position predicted by 0.8 s (simulated sensors, each axis): autopilot 4.7 cm, smooth odometry 1.6 cm.
+//! Position error after a prediction over 0.8 s (simulated sensors, each axis): autopilot 4.7 cm, smooth odometry 1.6
+//! cm.
 
 mod air;
 pub(crate) mod hover;
@@ -40,42 +40,42 @@ use origin::yaw_jump;
 
 /// Gap of odometry after which the smoothing restarts from the autopilot's odometry, s.
 const MAX_STEP_S: f64 = 0.1;
-/// Difference between the reported position and the one propagated by the velocity above which the estimate has jumped,
-/// m. After a false alarm the frame follows the velocity for one step, which is harmless.
-/// Source: twenty times the change by a GNSS fix in one step (0.3 m of noise, 2 cm).
+/// Difference between the reported position and the one propagated with the velocity above which the estimate has
+/// jumped, m. After a false alarm the frame follows the velocity for one step, which is harmless.
+/// Source: twenty times the change due to a GNSS fix in one step (0.3 m of noise, 2 cm).
 const JUMP_M: f64 = 0.2;
-/// [`JUMP_M`] when the autopilot has counted a jump of its estimate, m.
+/// [`JUMP_M`] if the autopilot has counted a jump of its estimate, m.
 const COUNTED_JUMP_M: f64 = 0.02;
-/// Increase of [`JUMP_M`] in a gap of 1 s without samples, m; it grows with the gap's square.
+/// Increase of [`JUMP_M`] in a gap of 1 s without samples, m; it grows with the square of the gap.
 const JUMP_IN_GAP_M: f64 = 0.5;
 /// Gap of odometry above which jumps within it are not detected, s.
 const MAX_GAP_S: f64 = 1.0;
-/// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong; the
-/// smoothing then restarts from the autopilot's odometry, in the present frame.
+/// Difference from the autopilot's position (m) or velocity (m/s) at which one of the two must be wrong. The smoothing
+/// then restarts from the autopilot's odometry, in the current frame.
 const MAX_DIFFERENCE: f64 = 1.5;
-/// Difference between integrated force and the autopilot's velocity change in one step that shows an impact,
-/// m/s. A GNSS fix changes the velocity by less.
+/// Difference between the integrated specific force and the autopilot's velocity change in one step that indicates an
+/// impact, m/s. A GNSS fix changes the velocity by less.
 const IMPACT_MPS: f64 = 0.3;
-/// Averaging time of the disturbance, against the accelerometers' noise, s.
+/// Averaging time of the disturbance, against accelerometer noise, s.
 pub(crate) const DISTURBANCE_S: f64 = 0.3;
-/// Bound of the disturbance, each axis, m/s²: drag of 14 m/s of wind on the default drone, which tilts by 30 deg.
+/// Bound of the disturbance, each axis, m/s²: drag in 14 m/s of wind on the default drone, which then tilts by 30 deg.
 const MAX_DISTURBANCE_MPS2: f64 = 6.0;
 /// Distance from the autopilot's position above which the smooth frame drifts towards it, m.
 const LAG_M: f64 = 0.6;
-/// Rate of that drift, 1/s: a drift of 5 cm/s, the fastest of a GNSS error of metres, adds 0.5 m of lag.
+/// Rate of that drift, 1/s: with a drift of 5 cm/s, the fastest of a GNSS error of metres, the lag increases by 0.5 m.
 const DRIFT_GAIN: f64 = 0.1;
 
-/// Gain on the difference of velocity, 1/s.
+/// Gain from the velocity difference to the acceleration, 1/s.
 const VELOCITY_GAIN: f64 = 1.0;
-/// Gain on the difference of position, 1/s².
+/// Gain from the position difference to the acceleration, 1/s².
 const POSITION_GAIN: f64 = 0.2;
-/// Gain of the accelerometers' bias on the difference of velocity, 1/s².
+/// Gain from the velocity difference to the rate of the accelerometer bias, 1/s².
 const BIAS_GAIN: f64 = 0.3;
-/// Largest bias accepted, tilt error included, m/s².
+/// Maximum bias, including tilt error, m/s².
 const BIAS_LIMIT_MPS2: f64 = 1.0;
 
 config! {
-    /// Coupling of the smooth odometry to the autopilot's.
+    /// Coupling between the smooth odometry and the autopilot's.
     ///
     /// Chosen: softer gains reduce the noise over a second and increase the velocity error for the camera.
     #[derive(Copy)]
@@ -91,14 +91,14 @@ struct SmoothState {
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     bias: Vector3<f64>,
-    /// Acceleration that the rotors do not cause, m/s².
+    /// Measured acceleration that the rotors do not cause, m/s².
     disturbance: Vector2<f64>,
     reported: DroneState,
 }
 
 impl SmoothState {
-    /// Propagates by `dt` (s) with specific force and gravity; `ahead` (m) and `faster` (m/s) are the
-    /// differences of the autopilot's position and velocity.
+    /// Propagates by `dt` (s) with specific force and gravity; `ahead` (m) and `faster` (m/s) are the differences from
+    /// the autopilot's position and velocity.
     fn advance(
         &mut self,
         reported: &DroneState,
@@ -107,7 +107,7 @@ impl SmoothState {
         faster: &Vector3<f64>,
         dt: f64,
     ) {
-        // A sample does not show the impulse of an impact, which lasts for milliseconds. The autopilot's
+        // A single sample does not show the impulse of an impact, which lasts for milliseconds. The autopilot's
         // velocity does, because the autopilot integrates its sensors at their own rate.
         let change = reported.velocity() - self.reported.velocity();
         let impact = (force * dt - change).norm() > IMPACT_MPS;
@@ -147,7 +147,8 @@ pub struct Odometry {
     config: OdometryConfig,
     smoothed: Option<SmoothState>,
     jumps: Jumps,
-    /// Initial differences from the autopilot's position (m) and velocity (m/s), initial bias and disturbance (m/s²).
+    /// Initial differences from the autopilot's position (m) and velocity (m/s), and initial bias and disturbance
+    /// (m/s²).
     first: [[f64; 3]; 4],
 }
 
@@ -160,7 +161,6 @@ impl Odometry {
             first: [[0.0; 3]; 4],
         }
     }
-    /// Restarts in another frame of the autopilot.
     pub(crate) fn restart(&mut self) {
         let heading = self.jumps.heading;
         *self = Odometry::new(&self.config);
@@ -169,8 +169,8 @@ impl Odometry {
     pub(crate) fn jumps(&self) -> Jumps {
         self.jumps
     }
-    /// Position (m) and velocity (m/s) relative to the autopilot's odometry without its jumps, bias and
-    /// disturbance (m/s²).
+    /// Position (m) and velocity (m/s) relative to the autopilot's odometry without its jumps, and bias and disturbance
+    /// (m/s²).
     pub(crate) fn difference(&self) -> [[f64; 3]; 4] {
         self.smoothed.map_or([[0.0; 3]; 4], |h| {
             let position = h.position - (h.reported.position() + self.jumps.offset);
@@ -179,17 +179,17 @@ impl Odometry {
             [position, velocity, h.bias, disturbance].map(Into::into)
         })
     }
-    /// Starts with a predecessor's [`Self::difference`], so that the smooth frame continues.
+    /// Starts with a predecessor's [`Self::difference`], so that the smooth frame is continuous.
     pub(crate) fn resume(&mut self, difference: [[f64; 3]; 4], jumps: Jumps) {
         (self.first, self.jumps) = (difference, jumps);
     }
 
-    /// Smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`,
-    /// `b' = k_b (v_a - v)`. `counted`: the autopilot has counted a jump since the last call.
+    /// Smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b
+    /// (v_a - v)`. `counted`: whether the autopilot has counted a jump since the last call.
     ///
-    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part,
-    /// `k_p / (k_p + k_b)`. `drift` slowly removes a difference above [`LAG_M`]: a stiffer loop would bring the fixes' noise into
-    /// every landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
+    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part, `k_p / (k_p
+    /// + k_b)`. `drift` slowly removes a difference above [`LAG_M`]. A stiffer loop would add the fixes' noise to every
+    /// landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
     pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
         let smoothed = self.smoothed(reported, counted);
         let jumps = self.jumps;
@@ -200,7 +200,7 @@ impl Odometry {
                 reported.velocity(),
                 h.disturbance,
             ),
-            // Receivers reject this sample because it is out of order.
+            // Consumers reject this sample because it is out of order.
             None => return *reported,
         };
         DroneState {
@@ -230,7 +230,7 @@ impl Odometry {
         }
     }
 
-    /// None if `reported` is out of order.
+    /// Smooth state; None if `reported` is out of order.
     fn smoothed(&mut self, reported: &DroneState, counted: bool) -> Option<SmoothState> {
         let [position, velocity, bias, disturbance] = self.first.map(Vector3::from);
         let Some(mut h) = self.smoothed else {
@@ -285,8 +285,8 @@ impl Odometry {
     }
 
     /// Converts a set-point from the smooth frame to the autopilot's, for a loop that the autopilot closes: `p + p_a -
-    /// p_s`, `v + v_a - v_s`. Without it the drone would stay off its plan by the frames' offset, and a plan that
-    /// restarts at the drone would move away from it continuously.
+    /// p_s`, `v + v_a - v_s`. Otherwise the drone would stay off its plan by the offset between the frames, and a plan
+    /// that restarts at the drone would drift away continuously.
     pub fn for_autopilot(&self, set_point: &SetPoint) -> SetPoint {
         match (set_point.kind, &self.smoothed) {
             (SetPointKind::Trajectory, Some(h)) if self.config.smooth => SetPoint {
@@ -351,7 +351,8 @@ mod tests {
 
     #[test]
     fn disturbance_by_wind_and_level_error() {
-        // Wind of 0.6 m/s² north with an error of 0.01 rad in the reported roll; the true tilt balances the wind.
+        // Wind of 0.6 m/s² from the south, with an error of 0.01 rad in the reported roll; the true tilt balances the
+        // wind.
         let mut o = Odometry::new(&OdometryConfig::default());
         let roll = UnitQuaternion::from_euler_angles(0.01, 0.0, 0.0);
         let mut s = DroneState::default();
@@ -371,7 +372,7 @@ mod tests {
     #[test]
     fn disturbance_of_a_gust_after_a_second() {
         let mut o = Odometry::new(&OdometryConfig::default());
-        // The drone is at rest for a second and then accelerated by 1 m/s².
+        // The drone is at rest for a second and is then accelerated at 1 m/s².
         let pushed = |k: u32| {
             let t = 0.01 * f64::from(k.saturating_sub(100));
             state(k, 0.5 * t * t, t, if k > 100 { 1.0 } else { 0.0 })
@@ -382,7 +383,6 @@ mod tests {
         }
         assert!(known[99].abs() < 1e-9, "{}", known[99]);
         assert!(known[130] > 0.6 && (known[199] - 1.0).abs() < 0.05, "{known:?}");
-        // The disturbance is bounded for any sample.
         let most = (200..400).map(|k| o.step(&state(k, 0.5, 1.0, 25.0), false).disturbance[0]);
         assert!(most.fold(0.0, f64::max) <= MAX_DISTURBANCE_MPS2);
     }
@@ -425,7 +425,7 @@ mod tests {
             position: [1.0, 0.0, -5.0],
             ..SetPoint::default()
         };
-        // Half a degree of tilt error moves the frames 0.2 m apart.
+        // Half a degree of tilt error would move the frames 0.2 m apart.
         let (mut x, mut v, mut s) = (0.0, 0.0, DroneState::default());
         for k in 0..6000 {
             s = o.step(&state(k, x, v, 0.1), false);
@@ -469,7 +469,6 @@ mod tests {
                         "{jump}: {:?}",
                         s.datum_offset
                     );
-                    // A set-point in the autopilot's frame leads to the same place.
                     let here = SetPoint {
                         kind: SetPointKind::Trajectory,
                         position: s.position,

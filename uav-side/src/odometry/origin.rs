@@ -2,13 +2,13 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Difference between reported heading and integrated gyroscopes that shows a reset, rad (4 deg).
+/// Difference between reported heading and integrated gyroscopes that indicates a reset, rad (4 deg).
 const YAW_JUMP_RAD: f64 = 0.07;
-/// Longest interval between two samples in which a jump is detected, s.
+/// Maximum interval between two samples in which a jump is detected, s.
 const YAW_STEP_S: f64 = 0.05;
 
-/// Heading jump (rad, from north to east) within `dt` seconds: the present attitude (NED from body) against
-/// the previous one, turned by the mean of both body rates (rad/s).
+/// Heading jump within `dt` seconds (rad, from north to east): the current attitude (NED from body) relative to the
+/// previous one rotated by the mean of both body rates (rad/s).
 pub(crate) fn yaw_jump(
     before: (&UnitQuaternion<f64>, Vector3<f64>),
     now: (&UnitQuaternion<f64>, Vector3<f64>),

@@ -1,9 +1,8 @@
 //! Wind over the deck, as the acceleration of a drone that follows the vessel: mean and gusts.
 //!
-//! In the air the wind requires a tilt that the touchdown has to remove or keep, and gusts displace the drone
-//! before it has reacted; on the deck the wind loads a drone that only friction holds. Both are
-//! accelerations, which the odometry measures. The mean includes the vessel's speed; gusts are of the true
-//! wind ([`WindEstimator`]).
+//! In the air the wind requires a tilt that touchdown must remove or keep, and gusts displace the drone before it has
+//! reacted. On the deck the wind loads a drone that only friction holds. Both effects are accelerations, which the
+//! odometry measures. The mean includes the vessel's speed; gusts are those of the true wind ([`WindEstimator`]).
 
 use alight_shared::msg::{DroneState, WindCheckpoint};
 use alight_shared::time::{DroneClock, Time};
@@ -15,12 +14,12 @@ use super::air::{INDEPENDENT_S, WindEstimator};
 const MAX_GAP_S: f64 = 0.1;
 /// Averaging time of the wind, s.
 const MEMORY_S: f64 = 60.0;
-/// Speed over the deck below which the drone follows it, m/s. At 5 m/s this speed changes the drag by half.
+/// Speed over the deck below which the drone follows it, m/s. In 5 m/s of wind this speed changes the drag by half.
 const FOLLOWS_MPS: f64 = 1.2;
 /// Standard deviation of the wind above which it is not published, m/s.
 const KNOWN_SD_MPS: f64 = 3.0;
 
-/// Estimator of mean and gusts of the wind's acceleration.
+/// Estimates mean and gusts of the acceleration due to wind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct WindMonitor {
     air: WindEstimator,
@@ -29,7 +28,7 @@ pub(crate) struct WindMonitor {
     at: Option<Time<DroneClock>>,
     /// Observation time, at most [`MEMORY_S`], s.
     known_s: f64,
-    /// NED, m/s².
+    /// Mean acceleration, NED, m/s².
     mean: Vector2<f64>,
     /// Variance of one axis, (m/s²)².
     variance: f64,
@@ -95,8 +94,8 @@ impl WindMonitor {
     }
 
     /// Standard deviation of one axis about the mean, m/s²: `s sqrt(1 + T/t)` with the standard deviation `s` over the
-    /// time `t`, in which gusts longer than `T` occur only once; 0 before any observation. Variance above the prior's
-    /// is due to the drone's motion with the deck and is ignored.
+    /// time `t`, in which gusts longer than `T` occur only once; 0 before any observation. Variance above that of the
+    /// prior is due to the drone's motion with the deck and is ignored.
     fn gust_sd(&self) -> f64 {
         if self.known_s <= 0.0 {
             return 0.0;
@@ -107,7 +106,7 @@ impl WindMonitor {
         (variance * (1.0 + n / t)).sqrt()
     }
 
-    /// Odometry in a wind that has been steady for a long time; the wind is an acceleration, m/s².
+    /// Odometry after a long time in steady wind; the wind is an acceleration, m/s².
     #[cfg(test)]
     pub(crate) fn steady(mean_mps2: f64) -> DroneState {
         let mean = Vector2::new(mean_mps2, 0.0);
@@ -131,8 +130,8 @@ mod tests {
     use alight_shared::msg::Header;
     use alight_shared::time::{Span, Time};
 
-    /// Monitor and last odometry of a drone above a deck that moves at `deck_mps`, under a disturbance that
-    /// oscillates by `gust` about `mean` with a period of 8 s.
+    /// Monitor and last odometry of a drone above a deck that moves at `deck_mps`, under a disturbance that oscillates
+    /// by `gust` about `mean` with a period of 8 s.
     fn watched(mean: f64, gust: f64, secs: f64, deck_mps: Option<f64>) -> (WindMonitor, DroneState) {
         let (mut w, mut last) = (WindMonitor::default(), DroneState::default());
         for k in 0..(secs * 100.0) as i64 {
@@ -156,7 +155,7 @@ mod tests {
             let (_, d) = watched(mean, gust, secs, Some(0.0));
             (Vector2::from(d.wind_push).norm(), d.gust_sd)
         };
-        // After a short observation, the prior's gusts and the uncertainty of the mean dominate.
+        // After a short observation the gusts of the prior and the uncertainty of the mean dominate.
         let (mean, early) = of(2.0, 0.0, 6.0);
         assert!((mean - 2.0).abs() < 0.1 && early > 0.5, "{early}");
         let (_, steady) = of(2.0, 0.0, 45.0);

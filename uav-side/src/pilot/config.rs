@@ -1,4 +1,4 @@
-//! Parameters of the pilot: output to the autopilot, its response, the link's dead time.
+//! Parameters of the pilot: output to the autopilot, its response, and the link's dead time.
 
 use alight_shared::config;
 use serde::{Deserialize, Serialize};
@@ -18,10 +18,10 @@ pub enum Output {
 
 config! {
     pub struct PilotConfig {
-        /// Kind of the set-points. It stays the same while Alight commands: PX4 detects a change of kind up
-        /// to 0.5 s late, and until then two of its controllers alternate in writing attitudes.
-        /// Source: the contact needs the plan's attitude, on which the autopilot's own loop decides with
-        /// position set-points (measured). PX4's Commander publishes vehicle_control_mode at 2 Hz.
+        /// Kind of the set-points. It must not change while Alight commands: PX4 detects a change up to 0.5 s late, and
+        /// until then two of its controllers alternate in writing attitudes.
+        /// Source: the contact needs the plan's attitude, which with position set-points is decided by the autopilot's
+        /// own loop (measured). PX4's Commander publishes vehicle_control_mode at 2 Hz.
         pub output: Output = Output::Attitude;
         /// The pilot's own tracking loop.
         pub tracking: TrackingConfig;
@@ -37,7 +37,7 @@ config! {
     pub struct LagConfig {
         /// Time constant for which the tracking loop's gains are designed, s.
         pub design_s: f64 = DESIGN_LAG_S, in 0.02..=2.0;
-        /// Smallest and largest time constant accepted, s.
+        /// Minimum and maximum accepted time constant, s.
         pub bounds_s: [f64; 2] = [0.04, 0.6], in 0.02..=2.0;
         /// Lag of the inner rate loop until it is identified, s.
         pub rate_loop_s: f64 = 0.06, in 0.0..=0.2;
@@ -57,9 +57,9 @@ config! {
 config! {
     /// Estimator of the odometry's age, i.e. of the dead time from the autopilot.
     pub struct DelayConfig {
-        /// Largest age accepted, one way, s.
+        /// Maximum accepted age, one way, s.
         pub limit_s: f64 = 0.15, in 0.0..=0.25;
-        /// Time constant of the age's estimate, s.
+        /// Time constant of the age estimate, s.
         pub time_s: f64 = 1.0, in 0.05..=60.0;
     }
 }

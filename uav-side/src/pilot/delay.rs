@@ -1,12 +1,11 @@
-//! Prediction of the drone's state to the time at which a command takes effect.
+//! Predicts the drone's state at the time at which a command takes effect.
 //!
-//! Odometry is `d` old when it arrives. A command takes effect the dead time `tau` after it was sent: the
-//! link takes about `d` again, and the autopilot adds its own delay. At the frequency `w` a loop that uses
-//! the old state loses `(d + tau) w` of phase. A model under the commands that are under way therefore
-//! predicts the state to the time at which a new command takes effect, and the plan is sampled there (Smith
-//! 1957, "Closer control of loops with dead time"; here the model restarts from each odometry). The dead time
-//! and time constants of the attitude are identified in [`super::response`], the dead time of the thrust by
-//! [`ThrustDelay`].
+//! Odometry is `d` old when it arrives. A command takes effect one dead time `tau` after it is sent: the link takes
+//! about `d` again, and the autopilot adds its own delay. At the frequency `w` a loop that uses the old state loses `(d
+//! + tau) w` of phase. A model driven by the commands in transit therefore predicts the state at the time at which a
+//! new command takes effect, and the plan is sampled there (Smith 1957, "Closer control of loops with dead time"; here
+//! the model restarts from each odometry sample). The dead time and time constants of the attitude are identified in
+//! [`super::response`], the dead time of the thrust by [`ThrustDelay`].
 
 use std::collections::VecDeque;
 
@@ -21,20 +20,20 @@ use super::config::DelayConfig;
 use crate::contingency::{Body, DeckBelow, NEAR_DECK_M};
 use crate::tracking::FlightEstimator;
 
-/// Number of stored commands: 0.8 s at 100 Hz, more than the longest dead time plus the oldest odometry.
+/// Number of stored commands: 0.8 s at 100 Hz, more than the maximum dead time plus the oldest odometry.
 const KEPT: usize = 80;
 const STEP_S: f64 = 0.01;
-/// Candidates of the thrust's dead time, and their spacing, s.
+/// Number of candidate dead times of the thrust, and their spacing, s.
 const CANDIDATES: usize = 16;
 const CANDIDATE_STEP_S: f64 = 0.02;
 /// Averaging time for changes of thrust and force, s, and forgetting time of the regression, s.
 const CHANGES_S: f64 = 1.0;
 const MEMORY_S: f64 = 10.0;
-/// Residual of a correct dead time: vibration in a second of samples, (m/s²)².
+/// Residual of a correct dead time, due to vibration in a second of samples, (m/s²)².
 const RESIDUAL: f64 = 1.0;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// Error of the forecast height of the deck below a drone that stands on it, m.
+/// Error of the forecast deck height below a drone that stands on the deck, m.
 const ERRS_M: f64 = 0.3;
 
 /// Commanded attitude (NED from body) and collective thrust (0 to 1); None while the autopilot closes the loop.
@@ -51,8 +50,8 @@ impl SentCommands {
         }
         self.0.push_back((now, command));
     }
-    /// Thrust at `at` from the commands sent by then, after the rotors' lag. The lag restarts after the
-    /// autopilot's loop.
+    /// Thrust at `at` from the commands sent by then, after the rotors' lag. The lag state restarts after a period in
+    /// the autopilot's loop.
     fn lagged_thrust(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
         let count = self.0.partition_point(|(sent, _)| *sent <= at);
         let ends = self.0.iter().map(|(sent, _)| *sent).skip(1);
@@ -71,8 +70,8 @@ impl SentCommands {
     }
 }
 
-/// Estimator of the thrust's dead time, by regression with forgetting: under the chosen candidate the changes
-/// of the commanded thrust, after its lag, best explain those of the specific force.
+/// Estimates the thrust's dead time by regression with forgetting: with the selected candidate, the changes of the
+/// commanded thrust, after its lag, best explain those of the specific force.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ThrustDelay {
     candidates: [ThrustCandidate; CANDIDATES],
@@ -91,8 +90,7 @@ struct ThrustCandidate {
 }
 
 impl ThrustDelay {
-    /// Processes a specific force along the thrust (m/s²) in free flight, with the thrust's lag and
-    /// odometry's age.
+    /// Processes a specific force along the thrust (m/s²) in free flight, with the thrust's lag and the odometry's age.
     fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
         let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
@@ -180,7 +178,6 @@ impl Delay {
     pub(crate) fn one_way_s(&self) -> f64 {
         self.age_s.unwrap_or(0.0)
     }
-    /// Updates the thrust's dead time from odometry in free flight.
     pub(crate) fn learn_thrust(&mut self, drone: &DroneState, lag_s: f64) {
         let one_way_s = self.one_way_s();
         let force = -drone.specific_force[2];
@@ -190,15 +187,15 @@ impl Delay {
     pub(crate) fn thrust_s(&self) -> f64 {
         self.thrust.get(self.one_way_s())
     }
-    /// Command whose thrust has an effect on the odometry that arrives at `now`.
+    /// Command whose thrust affects the odometry that arrives at `now`.
     pub(crate) fn answered(&self, now: Time<DroneClock>) -> Commanded {
         self.sent
             .by(now - Span::from_secs(self.one_way_s() + self.thrust_s()))
     }
     /// State of the drone `lead_s` after `now`, predicted from its newest odometry.
     ///
-    /// `w' = (e / T - w) / T_r` with the angle `e` to the command in effect, `R' = R [w]`, and
-    /// `v' = g + d - R e_z f(u)` with the thrust `u` after its lag. None if a value is not finite.
+    /// `w' = (e / T - w) / T_r` with the angle `e` to the command in effect, `R' = R [w]`, and `v' = g + d - R e_z
+    /// f(u)` with the thrust `u` after its lag. None if a value is not finite.
     pub(crate) fn ahead(
         &self,
         now: Time<DroneClock>,
@@ -232,7 +229,7 @@ impl Delay {
                     let angle = (attitude.inverse() * command).scaled_axis();
                     angle.component_div(&lags)
                 }
-                // The autopilot or another pilot flies: constant attitude.
+                // While the autopilot or a pilot flies, the attitude is assumed to be constant.
                 None => Vector3::zeros(),
             };
             if let Some((_, u)) = self.sent.by(at - Span::from_secs(thrust_dead_s)) {
@@ -263,14 +260,14 @@ impl Pilot {
         now + Span::from_secs(self.delay.thrust_s())
     }
 
-    /// Stage of the plan for a command sent at `now`: attitude and horizontal motion when the attitude takes
-    /// effect, vertical motion when the thrust takes effect.
+    /// Stage of the plan for a command sent at `now`: attitude and horizontal motion at the time when the attitude
+    /// takes effect, vertical motion at the time when the thrust takes effect.
     pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
         let mut stage = plan.sample(self.turns_at(now))?;
         let vertical = plan.sample(self.thrusts_at(now))?;
         stage.position[2] = vertical.position[2];
         stage.velocity[2] = vertical.velocity[2];
-        // The thrust after its lag has to match the plan at that time.
+        // The thrust after its lag must match the plan at that time.
         let lag = Span::from_secs(self.config.tracking.thrust_lag_s);
         let delayed = plan.sample(self.thrusts_at(now) + lag).unwrap_or(vertical);
         stage.acceleration[2] = delayed.acceleration[2];
@@ -281,7 +278,7 @@ impl Pilot {
     pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
         let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
-        // The model lacks the deck, which supports the drone after a contact unless it has slid over the
+        // The model does not include the deck, which supports the drone after a contact unless it has slid over the
         // edge.
         let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
         if let Some(b) = self
@@ -310,7 +307,7 @@ impl Pilot {
     }
 }
 
-/// Whether the deck is within reach, and not above the feet by more than the forecast's error.
+/// Whether the deck is within reach, and above the feet by no more than the forecast's error.
 fn is_over(b: &DeckBelow, body: &Body) -> bool {
     let aside = (body.position - Vector3::from(b.stage.position)).xy().norm();
     aside < NEAR_DECK_M && b.clearance > -ERRS_M

@@ -1,8 +1,8 @@
 //! The pilot samples the plan at 100 Hz, tracks it, and ends the flight when the feet are on the deck.
 //!
-//! [`crate::flatness`] converts between thrust and attitude, [`crate::tracking`] is the loop, [`response`]
-//! and [`delay`] identify the autopilot in flight, [`touchdown`] detects the contact, [`set_points`] builds
-//! the set-point of each action, and [`crate::contingency`] chooses the action without a plan or a mission.
+//! [`crate::flatness`] converts between thrust and attitude; [`crate::tracking`] is the control loop; [`response`] and
+//! [`delay`] identify the autopilot in flight; [`touchdown`] detects the contact; [`set_points`] builds the set-point
+//! of each action; and [`crate::contingency`] chooses the action without a plan or a mission.
 
 pub mod config;
 mod delay;
@@ -108,7 +108,6 @@ pub struct Pilot {
     jump: Option<(Time<DroneClock>, Option<Rise>)>,
     /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
-    /// Whether the landing continues without the mission or a plan.
     completes: bool,
     stopped_at: Option<Time<DroneClock>>,
     disarmed_since_stop: bool,
@@ -117,15 +116,15 @@ pub struct Pilot {
     last_step: Option<Time<DroneClock>>,
 }
 
-/// Longest integrated step, s: after an interruption the set-point must not jump.
+/// Maximum integration step, s, so that the set-point does not jump after an interruption.
 const MAX_STEP_S: f64 = 0.05;
-/// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's shortest
-/// (COM_OF_LOSS_T) minus the link's delay.
+/// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's minimum (COM_OF_LOSS_T) minus
+/// the link's delay.
 const SET_POINT_LOSS_S: f64 = 0.3;
 /// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
-/// Height of the feet below which the drone may stand on the ground, m: by the rangefinder, or above the
-/// place where it was disarmed; a deck heaves.
+/// Height of the feet below which the drone may stand on the ground, m: by the rangefinder, or above the height at
+/// which it was disarmed, because a deck heaves.
 const LOW_BY_RANGE_M: f64 = 0.3;
 const LOW_M: f64 = 1.0;
 
@@ -199,7 +198,7 @@ impl Pilot {
         drone
     }
 
-    /// Discards plan, forecast, hold and integral, which belong to another frame.
+    /// Discards plan, forecast, hold and integral, which refer to another frame.
     fn forget_frame(&mut self) {
         self.plan.forget();
         self.forecast.forget();
@@ -208,8 +207,7 @@ impl Pilot {
         self.tracker.reset();
     }
 
-    /// Whether the drone is low enough to stand on the ground, by the rangefinder or its height when
-    /// disarmed.
+    /// Whether the drone is low enough to stand on the ground, by the rangefinder or its height when disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {
@@ -218,7 +216,7 @@ impl Pilot {
         }
     }
 
-    /// None if forecast or odometry do not cover `now`.
+    /// Deck below the drone; None if forecast or odometry do not cover `now`.
     fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
@@ -229,14 +227,14 @@ impl Pilot {
         self.landed_since_stop = false;
     }
 
-    /// Whether stopped motors stay stopped. They are released when the autopilot was disarmed and the mission
-    /// is idle again; when the mission climbs after having reported the landing (a false touchdown); or when
-    /// the autopilot has flown by itself meanwhile. The touchdown then has to be detected again.
+    /// Whether stopped motors stay stopped. They are released if the autopilot was disarmed and the mission is idle
+    /// again; if the mission climbs after it has reported the landing (a false touchdown); or if the autopilot has
+    /// flown on its own in the meantime. The touchdown must then be detected again.
     fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
         };
-        // The autopilot's own landing ends on the deck as well, so it does not release the motors.
+        // The autopilot's own landing also ends on the deck, so it does not release the motors.
         let own = |a: &AutopilotState| {
             a.header.at > at && !matches!(a.mode, AutopilotMode::Offboard | AutopilotMode::Land)
         };
@@ -262,7 +260,6 @@ impl Pilot {
         self.detector.clear();
     }
 
-    /// Stops the motors and publishes the touchdown.
     fn touch_down(&mut self, now: Time<DroneClock>, touchdown: Touchdown) -> PilotOut {
         self.stop_from(now);
         let set_point = self.stop(now);
@@ -359,8 +356,8 @@ impl Pilot {
         }
     }
 
-    /// Whether `mission` has withdrawn the landing of the plan, and the planner has not responded for several
-    /// periods. A plan with the same time stamp may have been started before the withdrawal.
+    /// Whether `mission` has withdrawn the plan's landing and the planner has not responded for several periods. A plan
+    /// with the same time stamp may have been started before the withdrawal.
     fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
@@ -403,12 +400,13 @@ impl Pilot {
             low: self.is_low(now, body),
         };
         if known.waits() && !known.commands() {
-            // Offboard modes require a stream of set-points before entry, with a hold that follows the drone.
+            // Offboard modes need a stream of set-points before they are entered; until then the hold follows the
+            // drone.
             self.hold = None;
             self.tracker.reset();
         }
         let action = known.action(|| below.is_some() && self.lands_softer(now, body));
-        // A short silence of the autopilot in a take-off must not return the drone to standing.
+        // If the autopilot is briefly silent in a take-off, the drone must not return to standing.
         if mission.is_none_or(|m| m.state != State::TakeOff) {
             self.jump = None;
         }
@@ -444,7 +442,7 @@ impl Pilot {
         }
     }
 
-    /// Plan and its stage for a command sent at `now`, in states that call for a plan.
+    /// Plan, and its stage for a command sent at `now`, in states that need a plan.
     fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)

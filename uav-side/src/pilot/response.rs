@@ -1,24 +1,23 @@
-//! Identification in flight of the attitude's response to set-points, and its compensation.
+//! In-flight identification of the attitude response to set-points, and its compensation.
 //!
-//! Autopilots turn towards a commanded attitude at a rate proportional to the remaining angle; a rate loop
-//! follows that rate with its own lag, and the link and the autopilot delay the set-point:
+//! Autopilots rotate towards a commanded attitude at a rate proportional to the remaining angle. A rate loop follows
+//! that rate with its own lag, and the link and the autopilot delay the set-point:
 //!
 //! `T_r w'(t) + w(t) = (c(t - tau) - x(t)) / T`
 //!
-//! with the attitude `x`, the body rates `w`, the command `c`, and the unknown dead time `tau`, time constant
-//! `T` and lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of
-//! lag `t_r` is the same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time
-//! stamps of odometry and set-points, so neither the age nor the rate of the odometry is mistaken for a slow
-//! response.
+//! with the attitude `x`, the body rates `w`, the command `c`, and the unknown dead time `tau`, time constant `T` and
+//! lag `T_r` of the rate loop. (ArduCopter's shaping with its time constant `t_c` and a rate loop of lag `t_r` is the
+//! same equation with `T = t_c + t_r` and `T_r = t_c t_r / (t_c + t_r)`.) All times are time stamps of odometry and
+//! set-points, so that neither the age nor the rate of the odometry is mistaken for a slow response.
 //!
 //! Integrated over a window the equation is linear in `1 / T` and `T_r`:
 //!
 //! `dx = (1 / T) int (c(s - tau) - x(s)) ds - T_r dw`
 //!
-//! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior. The
-//! candidate with the smallest residuals, common to both axes, is the dead time (Ljung 1999, System
-//! Identification, sections 10.1 and 11.2). With this equation error the fit does not mistake an oscillation
-//! of the loop for a slow response; a fit without dead time does, and amplifies the oscillation.
+//! It is solved per axis and candidate of `tau` by linear regression with forgetting and a prior. The candidate with
+//! the smallest residuals, common to both axes, is the dead time (Ljung 1999, System Identification, sections 10.1 and
+//! 11.2). With this equation error the fit does not mistake an oscillation of the loop for a slow response. A fit
+//! without dead time would, and would amplify the oscillation.
 
 use alight_shared::msg::{AttitudeResponse, DroneState};
 use alight_shared::time::{DroneClock, Span, Time};
@@ -27,28 +26,28 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::config::LagConfig;
 use super::delay::{SentCommands, parabola_minimum};
 
-/// Candidates of the dead time, and their spacing, s.
+/// Number of candidate dead times, and their spacing, s.
 const CANDIDATES: usize = 21;
 const CANDIDATE_STEP_S: f64 = 0.02;
-/// Shortest integration window, s: the rates change by more than their noise.
+/// Minimum integration window, s: the rates change by more than their noise.
 const WINDOW_S: f64 = 0.04;
 /// Gap of odometry above which the integration stops, s.
 const MAX_GAP_S: f64 = 0.08;
 /// Sampling step of the commands, s.
 const STEP_S: f64 = 0.01;
-/// Largest angle between command and attitude that is used, rad: autopilots limit rates and accelerations.
+/// Maximum angle between command and attitude that is used, rad, because autopilots limit rates and accelerations.
 const MAX_ANGLE_RAD: f64 = 0.4;
-/// Information of the prior of `1 / T`: one second at 0.5 deg between command and attitude, rad² s².
+/// Prior information of `1 / T`: one second at 0.5 deg between command and attitude, rad² s².
 const PRIOR_ANGLE: f64 = 3e-6;
-/// Information of the prior of `T_r`: one second in which the rates change by 1.5 rad/s², rad²/s².
+/// Prior information of `T_r`: one second in which the rates change by 1.5 rad/s², rad²/s².
 const PRIOR_RATE: f64 = 0.1;
-/// Residual of a window with a correct dead time, rad.
+/// Residual of a window at the correct dead time, rad.
 const RESIDUAL_RAD: f64 = 1e-3;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// Largest lag of a rate loop, s.
+/// Maximum lag of a rate loop, s.
 const MAX_RATE_LAG_S: f64 = 0.2;
-/// Information, in units of the prior's, above which a response is identified.
+/// Information above which a response counts as identified, in units of the prior's.
 const IDENTIFIED: f64 = 12.0;
 
 /// Normal equations of one axis and one candidate: `y = a i - T_r dw`.
@@ -75,8 +74,7 @@ impl Sums {
             *v *= keep;
         }
     }
-    /// Adds a window: turn `y` (rad), integral of the remaining angle `i` (rad s), change of rate `dw`
-    /// (rad/s).
+    /// Adds a window: rotation `y` (rad), integral of the remaining angle `i` (rad s), rate change `dw` (rad/s).
     fn add(&mut self, y: f64, i: f64, dw: f64) {
         let w = -dw;
         self.ii += i * i;
@@ -156,8 +154,8 @@ impl ResponseEstimator {
         self.response
     }
 
-    /// Command that makes a loop with the identified response turn towards `wanted` like one with the
-    /// designed time constant. `is` is the attitude at the time at which the command takes effect.
+    /// Command with which a loop with the identified response rotates towards `wanted` like one with the design time
+    /// constant. `is` is the attitude at the time when the command takes effect.
     pub(crate) fn command(
         &self,
         wanted: &UnitQuaternion<f64>,
@@ -171,8 +169,8 @@ impl ResponseEstimator {
     }
     /// Factors on the roll and pitch angles of a command.
     fn factors(&self, c: &LagConfig) -> [f64; 2] {
-        // Commands are not amplified for a loop slower than designed: limits of rate and acceleration would
-        // delay a larger step, and the loop would oscillate.
+        // Commands are not amplified for a loop slower than designed: rate and acceleration limits would delay a larger
+        // step, and the loop would oscillate.
         self.response.lag_s.map(|lag| (lag / c.design_s).min(1.0))
     }
     /// Time constant of the slower axis with compensation, s.
@@ -188,12 +186,13 @@ impl ResponseEstimator {
         roll.max(pitch)
     }
 
-    /// Discards the window in progress, e.g. after a contact or under another pilot.
+    /// Discards the window in progress, e.g. after a contact or while a pilot flies.
     pub(crate) fn interrupt(&mut self) {
         (self.window, self.last) = (None, None);
     }
 
-    /// Processes new odometry in free flight. `one_way_s`: age of the odometry, the prior mean of the dead time.
+    /// Processes new odometry in free flight. `one_way_s`: age of the odometry, which is the prior mean of the dead
+    /// time.
     pub(crate) fn learn(&mut self, drone: &DroneState, sent: &SentCommands, one_way_s: f64, c: &LagConfig) {
         let Some(last) = self.last.replace(*drone) else {
             return;
@@ -254,7 +253,7 @@ impl ResponseEstimator {
     }
 }
 
-/// Extends the window from `last` to `drone`, `dt` later (s).
+/// Extends the window from `last` to `drone`, `dt` (s) later.
 fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64, sent: &SentCommands) {
     let [before, after] = [last, drone].map(|d| Vector3::from(d.rates));
     let (start, turns) = (last.attitude(), before.lerp(&after, 0.5));
@@ -284,7 +283,7 @@ mod tests {
     use crate::fixtures::header;
     use alight_shared::estimation::{low_pass, low_pass_gain};
 
-    /// Both axes of a drone, with PX4's loop or ArduCopter's input shaping.
+    /// Roll and pitch axes of a drone with PX4's loop or ArduCopter's input shaping.
     struct Axes {
         attitude: UnitQuaternion<f64>,
         rates: Vector3<f64>,
@@ -311,7 +310,7 @@ mod tests {
             let wanted = match &mut self.target {
                 None => (Vector2::new(roll, pitch) - is) / self.lag_s,
                 Some((at, turning)) => {
-                    // Limit of the acceleration by ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100 deg/s².
+                    // Acceleration limit by ATC_ACCEL_R_MAX and ATC_ACCEL_P_MAX, 1100 deg/s².
                     let max = 19.2 * dt;
                     let wanted = (Vector2::new(roll, pitch) - *at) / self.lag_s;
                     *turning += (wanted - *turning).map(|w| w.clamp(-max, max));
@@ -343,7 +342,7 @@ mod tests {
         )
     }
 
-    /// Response identified in 6 s of commands with odometry every `odometry` steps of 10 ms.
+    /// Response identified from 6 s of commands, with odometry every `odometry` steps of 10 ms.
     fn identified(dead_s: f64, axes: &mut Axes, odometry: u32) -> AttitudeResponse {
         let c = LagConfig::default();
         let (mut x, mut sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
@@ -407,8 +406,8 @@ mod tests {
         assert!(!before.identified);
     }
 
-    /// Compensation without dead time: `w = e / T`, by arrival times, with `T / 0.2 s`, up to 3, on the
-    /// angle.
+    /// Former compensation without dead time: `w = e / T` by arrival times, with a factor of `T / 0.2 s`, up to 3, on
+    /// the angle.
     struct WithoutDeadTime {
         square: f64,
         product: f64,
@@ -439,7 +438,7 @@ mod tests {
         }
     }
 
-    /// Spread of the set-point's roll (deg) over the last 10 s of 30 s, and the factor on the angle, for an
+    /// Standard deviation of the set-point's roll (deg) over the last 10 of 30 s, and the factor on the angle, for an
     /// ArduCopter on which `push` (m/s²) acts laterally.
     fn swing(old: bool, push: impl Fn(f64) -> f64) -> (f64, f64) {
         let c = LagConfig::default();
@@ -495,7 +494,6 @@ mod tests {
 
     #[test]
     fn swing_of_the_loop_without_dead_time() {
-        // A deck that moves sideways.
         let waves = |t: f64| 0.8 * (1.2 * t).sin() + 0.4 * (2.9 * t).cos();
         let (old, factor) = swing(true, waves);
         println!("old: {old:.1} deg, factor {factor:.2}");

@@ -13,7 +13,7 @@ use crate::contingency::{Body, Completion, DeckBelow, Hold};
 use crate::flatness::{rates_of, upright};
 use crate::tracking::{AttitudeCommand, Authority};
 
-/// Age of a plan above which it does not determine the braking, s: five periods.
+/// Age above which a plan no longer determines the braking, s: five periods.
 pub(super) const OLD_PLAN_S: f64 = 0.1;
 
 impl Pilot {
@@ -45,8 +45,8 @@ impl Pilot {
         }
     }
 
-    /// Set-point for the autopilot's own loop. The acceleration is sampled one attitude lag ahead, because
-    /// the attitude has to reach it by then.
+    /// Set-point for the autopilot's own loop. The acceleration is sampled one attitude lag ahead, because the attitude
+    /// must have reached it by then.
     fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
@@ -79,7 +79,7 @@ impl Pilot {
         let presses = stage.is_none();
         let stage = stage.copied().unwrap_or_default();
         let (_, _, yaw) = a.attitude.euler_angles();
-        // Lag compensation enlarges the turn and must not exceed the tilt limit.
+        // Lag compensation enlarges the rotation, which must not exceed the tilt limit.
         let attitude = self
             .response
             .command(&a.attitude, &body.attitude, &self.config.lag);
@@ -103,11 +103,11 @@ impl Pilot {
         }
     }
 
-    /// Collective thrust at which no rotor stops while the drone turns by `angle` (rad). The attitude loop
-    /// commands the rate `angle / T`, which the rate loop reaches within `T_r` by the torque `tau = J angle /
-    /// (T T_r)`; four rotors with the arm length `l` in an X provide it by `tau / (4 l / sqrt 2)` each.
-    /// Mixers use the reserve of the collective thrust before they raise it (PX4 without air mode), or raise
-    /// it to hover at most (ArduCopter), which is also the limit here.
+    /// Collective thrust at which no rotor stops while the drone rotates by `angle` (rad). The attitude loop commands
+    /// the rate `angle / T`, which the rate loop reaches within `T_r` with the torque `tau = J angle / (T T_r)`. Four
+    /// rotors with the arm length `l` in an X provide it with `tau / (4 l / sqrt 2)` each. Mixers use the reserve of
+    /// the collective thrust before they raise it (PX4 without air mode), or raise it to hover at most (ArduCopter),
+    /// which is also the limit here.
     fn min_thrust(&self, angle: f64) -> f64 {
         let (g, c) = (&self.geometry, &self.config.lag);
         let [roll, pitch, _] = g.inertia_kgm2;
@@ -131,8 +131,7 @@ impl Pilot {
         }
     }
 
-    /// Holds the position. Over a deck that is `near` it moves with the deck, climbs, and follows the escape
-    /// direction.
+    /// Holds the position. If the deck is `near`, the drone moves with it, climbs, and follows the escape direction.
     pub(super) fn hold(
         &mut self,
         now: Time<DroneClock>,
@@ -189,7 +188,7 @@ impl Pilot {
         self.attitude(now, None, a, body)
     }
 
-    /// Attitude and thrust for `led`, the plan's `stage` at the time at which they take effect.
+    /// Attitude and thrust for `led`, which is the plan's `stage` at the time when they take effect.
     fn tracked(
         &mut self,
         now: Time<DroneClock>,
@@ -209,8 +208,8 @@ impl Pilot {
         self.attitude(now, Some(stage), a, body)
     }
 
-    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is
-    /// old or the drone approaches the deck too fast.
+    /// Follows the `stage` of a plan. In a landing the newest forecast determines the braking if the plan is old or the
+    /// drone approaches the deck too fast.
     pub(super) fn follow(
         &mut self,
         now: Time<DroneClock>,
@@ -240,7 +239,7 @@ impl Pilot {
             if old && let Some(braked) = completion.renewed(&led) {
                 (led, authority.brakes) = (braked, true);
             }
-            // A new pilot keeps its predecessor's thrust until its own is in effect.
+            // A new pilot node keeps its predecessor's thrust until its own is in effect.
             let acts = self.estimate.in_force().is_some();
             if let Some(most) = completion.reflex(c.thrust_lag_s).filter(|_| acts) {
                 authority.down_mps2 = most;

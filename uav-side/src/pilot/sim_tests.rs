@@ -1,4 +1,4 @@
-//! Closed-loop tests of the pilot: a drone with lags over a heaving, tilting deck.
+//! Closed-loop tests of the pilot: a drone with lags above a heaving, tilting deck.
 
 use alight_shared::msg::{DeckStage, Header, Motors};
 use nalgebra::UnitQuaternion;
@@ -13,7 +13,6 @@ use crate::fixtures::{airborne, forecast, mission, plan};
 const FEET: f64 = 0.30;
 const STEP: f64 = 0.001;
 
-/// A deck that heaves and pitches on one period.
 #[derive(Clone, Copy)]
 struct Sea {
     amplitude: f64,
@@ -43,13 +42,12 @@ impl Sea {
 enum Task {
     /// Clearance and time at the start of a descent at 0.5 m/s that ends 0.3 m below the deck's plane.
     Land(f64, f64),
-    /// Clearance over the moving deck.
     Follow(f64),
     /// NED height of the feet.
     Stay(f64),
 }
 
-/// Reading of a simulated rangefinder, m, from the true range and the clearance, m.
+/// Reading of a simulated rangefinder, m, as a function of true range and clearance, m.
 type Reads = fn(f64, f64) -> f64;
 
 struct World {
@@ -60,12 +58,11 @@ struct World {
     v: Vector3<f64>,
     q: UnitQuaternion<f64>,
     thrust: f64,
-    /// True hover thrust; the autopilot's estimate is 2 % higher, the geometry's 7 % lower.
+    /// True hover thrust; the autopilot's estimate is 2 % too high, that of the geometry 7 % too low.
     hover: f64,
     damping: f64,
     ranges: bool,
     reads: Reads,
-    /// Whether the autopilot reports its thrust.
     reports: bool,
     state: State,
     mode: AutopilotMode,
@@ -134,7 +131,7 @@ impl World {
             Task::Land(from, begin) if t > begin && from - 0.5 * (t - begin) > -0.3 => 0.5,
             _ => 0.0,
         };
-        // The deck's tilt affects attitude and lateral acceleration only near the contact.
+        // The deck's tilt affects attitude and lateral acceleration only near contact.
         let align = (-height.max(0.0) / 0.15).exp();
         let at = Vector3::from(d.position) + d.normal() * (FEET + height);
         PlanStage {
@@ -267,7 +264,7 @@ fn moderate(phase: f64) -> Sea {
     }
 }
 
-/// Landing in a moderate sea, changed by `change`, and delay (s) from first contact to motor stop.
+/// Landing in a moderate sea, modified by `change`, and the delay (s) from first contact to motor stop.
 fn landed(phase: f64, seed: u64, change: impl FnOnce(&mut World)) -> (World, f64) {
     let mut w = World::new(moderate(phase), Task::Land(0.9, 2.0), seed);
     change(&mut w);
@@ -350,7 +347,6 @@ fn touchdown_without_reports_of_the_thrust() {
             w.hardest
         );
     }
-    // The drone is close to the deck without contact.
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
         let mut w = World::new(moderate(0.4), Task::Follow(clearance), 610 + k as u64);
         w.reports = false;
@@ -359,8 +355,8 @@ fn touchdown_without_reports_of_the_thrust() {
     }
 }
 
-/// Set-points restart low over the deck after the autopilot has braked with more thrust than they command.
-/// The rotors' remaining thrust must not be detected as contact.
+/// Set-points restart low above the deck after the autopilot has braked with more thrust than they command. The
+/// remaining thrust of the rotors must not be detected as contact.
 #[test]
 fn thrust_of_before_is_no_contact() {
     for (k, reports) in [true, false].into_iter().enumerate() {
@@ -408,7 +404,7 @@ fn hard_contact_by_speed_and_impact() {
     assert_eq!(met(2.6, 0.05, 1.0), None, "no contact force");
 }
 
-/// A tilted drone levels off in strong wind low over the deck, so the air's lift increases.
+/// A tilted drone levels off in strong wind low above the deck, so the aerodynamic lift increases.
 #[test]
 fn excess_of_the_air_and_of_a_deck() {
     // Whether contact is suspected 0.5 s after the excess (m/s²) began.
@@ -451,7 +447,7 @@ fn touchdown_after_a_bounce() {
     }
 }
 
-/// In a flare close to the deck without contact the motors run, and a suspicion does not lower the drone.
+/// In a flare close to the deck without contact the motors keep running, and a suspicion does not lower the drone.
 #[test]
 fn motors_close_to_the_deck_without_contact() {
     for (k, clearance) in [0.15, 0.2, 0.3].into_iter().enumerate() {
@@ -494,7 +490,7 @@ fn motors_outside_a_landing() {
     }
 }
 
-/// Twenty minutes of hover, tracking and approach over a rough deck while the mission permits contact.
+/// Twenty minutes of hover, tracking and approach above a rough deck while the mission permits contact.
 #[test]
 fn motors_in_the_air() {
     for (k, clearance) in [0.6, 1.5, 7.0, 15.0].into_iter().enumerate() {

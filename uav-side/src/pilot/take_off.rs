@@ -1,8 +1,8 @@
 //! Set-points for standing on the deck, lift-off and climb.
 //!
-//! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so
-//! that all feet leave together. The thrust ramps up to that of [`Climb`], so that a foot that sticks is
-//! detected before much torque turns the drone about it. Once the feet are clear, it climbs as over any deck.
+//! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so that all
+//! feet leave together. The thrust ramps up to that of [`Climb`], so that a sticking foot is detected before much
+//! torque rotates the drone about it. Once the feet are clear, the drone climbs as above any deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
@@ -12,14 +12,14 @@ use super::Pilot;
 use crate::contingency::{Body, Climb, DeckBelow};
 use crate::lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise};
 
-/// Duration of the thrust's ramp to that of the climb, s: three times the lag of odometry, link and rotors.
+/// Duration of the ramp to the climb's thrust, s: three times the lag of odometry, link and rotors.
 const RAMP_S: f64 = 0.3;
 
-/// Age of a vision measurement up to which the deck counts as detected, s: as in a landing.
+/// Age of a vision measurement up to which the deck counts as detected, s, as in a landing.
 const VISION_FRESH_S: f64 = 0.5;
 
 impl Pilot {
-    /// Whether the deck may support the drone, so that its thrust does not correspond to its weight.
+    /// Whether the deck may be supporting the drone, so that its thrust does not match its weight.
     pub(super) fn lies_on_deck(&self) -> bool {
         let rise = self.jump.and_then(|(_, rise)| rise);
         let lies = rise.is_some_and(|rise| rise.risen_m() < LIES_BELOW_M);
@@ -42,9 +42,8 @@ impl Pilot {
         }
     }
 
-    /// Whether the drone has left the deck in a take-off of another pilot node: [`LEAVES_WITHIN_S`] has
-    /// passed, or the camera measures that the feet are off. By GNSS receivers the height may be wrong by
-    /// metres.
+    /// Whether the drone left the deck in a take-off by a previous pilot node: [`LEAVES_WITHIN_S`] has passed, or the
+    /// camera measures that the feet are off. GNSS heights may be wrong by metres.
     fn is_in_the_air(
         &self,
         now: Time<DroneClock>,
@@ -59,7 +58,7 @@ impl Pilot {
         lasts_s > LEAVES_WITHIN_S || detected && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
     }
 
-    /// Leaves the deck. A pilot node that starts in the air climbs as over any deck.
+    /// Leaves the deck. A pilot node that starts in the air climbs as above any deck.
     pub(super) fn jump(
         &mut self,
         now: Time<DroneClock>,

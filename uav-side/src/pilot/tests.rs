@@ -13,7 +13,6 @@ proptest! {
     fn attitude_and_thrust_inverse(roll in -1.0..1.0_f64, pitch in -1.0..1.0_f64, yaw in -3.1..3.1_f64, down in -5.0..5.0_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let t = thrust_of_attitude(&q, down, GRAVITY);
-        // The vertical acceleration equals the commanded one.
         prop_assert!((t.z + GRAVITY - down).abs() < 1e-9 || t.norm() < 1e-9);
         prop_assert!(attitude_of_thrust(&t, yaw).angle_to(&q) < 1e-6);
         let tilt = tilt_limited(&t, 0.3, 1.0);
@@ -39,7 +38,7 @@ proptest! {
     }
 }
 
-/// RMS tilt error of an attitude loop over a deck, with and without lead.
+/// RMS tilt error of an attitude loop above a deck, with and without lead compensation.
 fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
     let (w, dt) = (std::f64::consts::TAU / 5.0, 0.001);
     let (mut x, mut square, mut n) = ([0.0; 2], 0.0, 0.0);
@@ -115,7 +114,7 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
         ranges: vec![],
     }
 }
-/// Last set-point after one second with all inputs, then `secs` with those that `change` leaves.
+/// Last set-point after one second with all inputs, followed by `secs` with those that `change` leaves.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
     run(&PilotConfig::default(), state, height, secs, change)
 }
@@ -173,7 +172,7 @@ fn set_point_kind_in_all_phases() {
 fn idle_thrust_on_the_ground() {
     let drone = DroneGeometry::default();
     let feet_m = drone.feet_below_m - drone.rangefinder_m[2];
-    // A reduced thrust needs the rangefinder as well, which reads 0 without a measurement.
+    // A reduced thrust also needs the rangefinder, which reads 0 without a measurement.
     for (range_m, stands) in [
         (Some(feet_m), true),
         (Some(12.0), false),
@@ -207,7 +206,7 @@ fn idle_thrust_on_the_ground() {
 
 #[test]
 fn response_with_manual_attitudes() {
-    // A human pilot rocks the drone by remote control while set-points are streamed for the hand-over.
+    // A pilot rocks the drone by remote control while set-points are streamed for the handover.
     let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
     let before = pilot.response.get().lag_s;
     for k in 0..1000 {
@@ -228,7 +227,7 @@ fn attitude_beyond_the_tilt_limit() {
     let geometry = DroneGeometry::default();
     let hover = geometry.mass_kg * GRAVITY / geometry.max_thrust_n;
     let limit = TrackingConfig::default().tilt_limit_rad;
-    // The drone is at its place and rises, so the plan requires little thrust.
+    // The drone is at its target and rises, so the plan requires little thrust.
     for (tilt, of_hover) in [
         (0.0, 0.25..0.6),
         (0.7, 0.7..1.1),
@@ -247,7 +246,7 @@ fn attitude_beyond_the_tilt_limit() {
     }
 }
 
-/// A drone that slid over the deck's edge sinks next to the vessel, below the deck.
+/// A drone that has slid over the deck's edge sinks next to the vessel, below the deck.
 #[test]
 fn hold_below_the_edge_of_a_deck() {
     let geometry = DroneGeometry::default();
@@ -271,7 +270,7 @@ fn hold_below_the_edge_of_a_deck() {
 
 #[test]
 fn withdrawn_landing_with_plans_that_go_on() {
-    // The landing is withdrawn at 6 s; the planner's last plan is published at `until`.
+    // The landing is withdrawn at 6 s; the planner publishes its last plan at `until`.
     let climbs_from = |pilot: &mut Pilot, until: f64| {
         let mut first = None;
         for k in 0..150_u32 {
@@ -352,8 +351,8 @@ fn climb_without_a_plan_from_a_rising_deck() {
     assert_eq!(last.velocity[2], -3.0);
 }
 
-/// Thrust (of hover) `age_s` after the last plan, which sinks at `planned_mps`. The drone sinks at 2 m/s 0.6
-/// m above a resting deck, tilted by `tilt`.
+/// Thrust, as a fraction of hover, `age_s` after the last plan, which sinks at `planned_mps`. The drone sinks at 2 m/s,
+/// 0.6 m above a resting deck and tilted by `tilt`.
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -381,7 +380,7 @@ fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
 
 #[test]
 fn braking_of_a_plan_not_renewed() {
-    // The braking is (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve over hover.
+    // The deceleration is (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve beyond hover.
     let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
     assert!((1.3..1.5).contains(&braked), "{braked}");
     // Tilted by 0.5 rad the same vertical force needs more thrust.
@@ -392,9 +391,9 @@ fn braking_of_a_plan_not_renewed() {
     assert!(soft > braked, "{soft}");
 }
 
-/// Thrust (of hover) that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that
-/// accelerates upwards by `rises_mps2`, with a drone tilted by `tilt` (rad) that moves at `along_mps` in the
-/// tilt's direction.
+/// Thrust, as a fraction of hover, that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that
+/// accelerates upwards at `rises_mps2`. The drone is tilted by `tilt` (rad) and moves at `along_mps` in the direction
+/// of the tilt.
 fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
     let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
@@ -430,10 +429,10 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
         let followed = thrust_onto_deck(sinks, clearance, 0.0, [0.0; 2]);
         assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
     }
-    // The braking is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
+    // The deceleration is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
     let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
     assert!((1.35..1.55).contains(&braked), "{braked}");
-    // The plan is followed over a deck that accelerates upwards and so reduces the rotors' reserve.
+    // The plan is followed above a deck that accelerates upwards and so reduces the rotors' reserve.
     assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
     // A tilted drone brakes only until its speeds along and onto the deck are equal.
     let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
@@ -559,7 +558,7 @@ proptest! {
         ];
         for (mask, state, v, age, height, repeat) in blows {
             let state = states[usize::from(state) % states.len()];
-            // Half of the cases never permit contact; in the others only the thrust acts.
+            // In half of the cases contact is never permitted; in the others only the thrust acts.
             let touches = state.phase() == Phase::Landing || state == State::Landed;
             let state = if !landing && touches { State::Tracking } else { state };
             for _ in 0..repeat {

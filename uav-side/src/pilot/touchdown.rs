@@ -1,19 +1,18 @@
-//! Touchdown detector with evidence from thrust, accelerometers, rangefinder and relative motion.
+//! Touchdown detector, with evidence from thrust, accelerometers, rangefinder and relative motion.
 //!
-//! In the air the specific force equals the rotors' thrust. On the deck the feet add to it, and this *excess*
-//! grows as the thrust is reduced. A contact is first suspected (by an impact, an excess, or resting at the
-//! feet's range), then the thrust is cut to a fraction of hover, and the touchdown is confirmed only if the
-//! drone is still supported. In the air it begins to fall instead, and the suspicion is dropped.
+//! In the air the specific force equals the rotors' thrust. On the deck the feet add to it, and this *excess* increases
+//! as the thrust is reduced. A contact is first suspected (after an impact, an excess, or resting at the feet's range);
+//! then the thrust is cut to a fraction of hover, and the touchdown is confirmed only if the drone is still supported.
+//! A drone in the air begins to fall instead, and the suspicion is dropped.
 //!
-//! Air adds lift as well: its cushion over the deck, drag on the way down, and in wind the drag along the
-//! rotors' axis, which changes as a tilted drone aligns with the deck. These change slowly, so the excess is
+//! Aerodynamic forces add lift as well: the air cushion above the deck, drag on the way down, and in wind the drag
+//! along the rotors' axis, which changes as a tilted drone aligns with the deck. These change slowly, so the excess is
 //! measured relative to its mean over the last [`AIR_TIME_S`] in the air.
 //!
-//! No single sensor can cut the thrust. An impact or an excess is evidence only if rangefinder and forecast
-//! show that the deck is near. Resting at the feet's range is evidence only while odometry and forecast
-//! confirm that the drone stays on the deck. A rangefinder that has not followed the descent
-//! ([`RangeWitness`]) is ignored. Without the autopilot's report of its thrust the command is used, and the
-//! drone has to stay on the deck for longer.
+//! No single sensor can cut the thrust. An impact or an excess counts only if rangefinder and forecast show that the
+//! deck is near. Resting at the feet's range counts only while odometry and forecast confirm that the drone stays on
+//! the deck. A rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot does not
+//! report its thrust, the command is used instead, and the drone must stay on the deck for longer.
 
 use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
@@ -27,20 +26,18 @@ use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
 type DroneTime = Time<DroneClock>;
 
-/// Measurements at the confirmation of a touchdown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {
-    /// Identity; `at` is the time of confirmation.
+    /// `at` is the time of confirmation.
     pub header: Header<DroneClock>,
-    /// First suspicion of contact.
     pub suspected_at: Time<DroneClock>,
     /// Rangefinder reading, m; None without one.
     pub range_m: Option<f64>,
-    /// Foot plane above the forecast deck, m.
+    /// Height of the foot plane above the forecast deck, m.
     pub clearance_m: Option<f64>,
     /// Speed away from the deck along its normal, m/s.
     pub normal_speed_mps: Option<f64>,
-    /// Specific force beyond the applied thrust, m/s².
+    /// Specific force in excess of the applied thrust, m/s².
     pub excess_mps2: f64,
     /// Applied thrust as a fraction of hover.
     pub thrust_of_hover: f64,
@@ -52,23 +49,22 @@ pub(crate) struct TouchdownEvidence {
     pub(crate) descending: bool,
     /// Specific force along the body's up axis, m/s²; None without a new measurement.
     pub(crate) force: Option<f64>,
-    /// Maximum specific thrust of the rotors, m/s², until a command is in effect; None once the thrust is
-    /// known.
+    /// Maximum specific thrust of the rotors, m/s², until a command is in effect; None once the thrust is known.
     pub(crate) begins_within: Option<f64>,
-    /// Specific thrust of the pilot's own command, m/s²; None while the autopilot closes the loop.
+    /// Specific thrust commanded by the pilot node, m/s²; None while the autopilot closes the loop.
     pub(crate) own_thrust: Option<f64>,
     /// Specific thrust that the autopilot reports, m/s²; None without a recent report.
     pub(crate) reported_thrust: Option<f64>,
     /// Specific thrust in hover, m/s² (gravity).
     pub(crate) hover_thrust: f64,
-    /// Foot plane above the forecast deck, m.
+    /// Height of the foot plane above the forecast deck, m.
     pub(crate) clearance: Option<f64>,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: Option<f64>,
 }
 
 impl TouchdownEvidence {
-    /// The larger of own command and report: a thrust that was not cut also explains the force.
+    /// Larger of own command and report, because a thrust that was not cut also explains the force.
     fn applied_thrust(&self) -> Option<f64> {
         match (self.own_thrust, self.reported_thrust) {
             (Some(a), Some(b)) => Some(a.max(b)),
@@ -81,7 +77,7 @@ impl TouchdownEvidence {
 pub enum TouchdownContact {
     #[default]
     Clear,
-    /// Contact is suspected: the drone presses down with little thrust.
+    /// Contact is suspected, so the drone presses down with little thrust.
     Suspected {
         since: DroneTime,
         /// Time since which the excess has been large.
@@ -90,67 +86,67 @@ pub enum TouchdownContact {
     Confirmed,
 }
 
-// "Excess" is specific force beyond the applied thrust: support other than by the rotors. The thresholds suit
-// a rangefinder of 3 cm noise at 50 Hz (median of five: 1.7 cm).
+// "Excess" is specific force in excess of the applied thrust: support by something other than the rotors. The
+// thresholds suit a rangefinder with 3 cm of noise at 50 Hz (median of five: 1.7 cm).
 
-/// Rangefinder reading over its value on the deck up to which the feet are near the deck, m.
+/// Maximum rangefinder reading of feet near the deck, relative to the reading on the deck, m.
 const RANGE_MARGIN_M: f64 = 0.10;
-/// Rangefinder reading over its value on the deck above which the drone has left the deck, m.
+/// Rangefinder reading above which the drone has left the deck, relative to the reading on the deck, m.
 const RANGE_RELEASE_M: f64 = 0.25;
-/// Largest forecast clearance for a contact without the rangefinder, m.
+/// Maximum forecast clearance for a contact without the rangefinder, m.
 const BLIND_CLEARANCE_M: f64 = 0.20;
 /// Forecast clearance above which no contact is accepted, m.
 const CLEARANCE_VETO_M: f64 = 0.5;
 /// Speed along the deck's normal above which no touchdown is confirmed, m/s.
 const SPEED_VETO_MPS: f64 = 0.8;
-/// Speed along the deck's normal up to which the drone stays on the deck, m/s: the estimate's error.
+/// Maximum speed along the deck's normal of a drone that stays on the deck, m/s: the estimate's error.
 const STAYS_MPS: f64 = 0.25;
 const STAYS_TIME_S: f64 = 0.15;
-/// Smallest sustained excess with which contact is suspected, m/s².
+/// Minimum sustained excess for a suspected contact, m/s².
 const SUSPECT_EXCESS_MPS2: f64 = 1.5;
-/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast disagree; more than any gust or air cushion.
+/// Factor on [`SUSPECT_EXCESS_MPS2`] if rangefinder and forecast disagree; exceeds any gust or air cushion.
 const DOUBTED: f64 = 2.0;
 /// Duration of that excess after which contact is suspected, s.
 const SUSPECT_S: f64 = 0.03;
-/// Smallest excess in a single sample (an impact) with which contact is suspected, m/s².
+/// Minimum excess in a single sample (an impact) for a suspected contact, m/s².
 const IMPACT_MPS2: f64 = 6.0;
 /// Time at the feet's range in a commanded descent after which contact is suspected, s.
 const RESTING_S: f64 = 0.3;
-/// Thrust on suspicion, as a fraction of hover. A larger thrust resists wind better, but hardens a bounce.
+/// Thrust on suspicion, as a fraction of hover. A larger thrust resists wind better but makes a bounce harder.
 const PRESS_OF_HOVER: f64 = 0.4;
 /// Thrust at the end of the ramp, as a fraction of hover, for a deck that falls at 3.8 m/s².
 const PRESS_END_OF_HOVER: f64 = 0.3;
 const PRESS_RAMP_S: f64 = 0.2;
-/// Smallest sustained excess that confirms a touchdown, m/s².
+/// Minimum sustained excess that confirms a touchdown, m/s².
 const CONFIRM_EXCESS_MPS2: f64 = 2.0;
-/// Duration of that excess that confirms a touchdown, s.
+/// Duration of that excess for a confirmation, s.
 const CONFIRM_S: f64 = 0.08;
-/// Duration that confirms a touchdown without the rangefinder, s.
+/// Duration for a confirmation without the rangefinder, s.
 const BLIND_CONFIRM_S: f64 = 0.2;
 /// Time after which an unconfirmed suspicion is dropped, s.
 const GIVE_UP_S: f64 = 0.6;
-/// Excess below which the drone is unsupported while the thrust is cut, m/s².
+/// Excess below which the drone counts as unsupported while the thrust is cut, m/s².
 const FALLS_EXCESS_MPS2: f64 = 1.0;
-/// Time without support after which the drone is in the air, s: longer than between the contacts of a soft
-/// bounce. The drone gains 0.9 m/s in this time, and can brake that from [`CLEARANCE_VETO_M`].
+/// Time without support after which the drone counts as in the air, s: longer than between the contacts of a soft
+/// bounce. In this time the drone gains 0.9 m/s, which it can brake from [`CLEARANCE_VETO_M`].
 const FALLS_S: f64 = 0.15;
-/// Duration on the deck that confirms a touchdown without the autopilot's thrust report, s: five times the
-/// delay from its command to the rotors.
+/// Duration on the deck for a confirmation without the autopilot's thrust report, s: five times the delay from its
+/// command to the rotors.
 const SILENT_CONFIRM_S: f64 = 0.4;
-/// Time before a contact over which the closing speed is maximised, s.
+/// Time before a contact over which the maximum closing speed is taken, s.
 const BEFORE_CONTACT_S: f64 = 0.1;
 /// Pause after a dropped suspicion, s.
 const PAUSE_S: f64 = 0.2;
-/// Largest age of the autopilot's thrust report that is used for a confirmation, s.
+/// Maximum age of a thrust report that is used for a confirmation, s.
 pub(super) const AUTOPILOT_AGE_S: f64 = 0.5;
 const READINGS: usize = 32;
-/// Number of readings whose median is the range.
+/// Number of readings over which the median is taken.
 const MEDIAN: usize = 5;
 /// Time constant of the sustained excess, s: three samples of odometry.
 const EXCESS_TIME_S: f64 = 0.03;
-/// Averaging time of the air's lift, s: less than the 0.4 s in which a tilt of 20 deg is levelled.
+/// Averaging time of the aerodynamic lift, s: less than the 0.4 s in which a tilt of 20 deg is levelled.
 const AIR_TIME_S: f64 = 0.3;
-/// Limit of the air's lift, m/s²: drag of 4 m/s² along rotors that turned by 30 deg.
+/// Limit of the aerodynamic lift, m/s²: drag of 4 m/s² along rotors that have rotated by 30 deg.
 const MAX_AIR_MPS2: f64 = 2.0;
 
 #[derive(Clone, Debug)]
@@ -166,13 +162,13 @@ pub(crate) struct TouchdownDetector {
     loaded: Option<DroneTime>,
     pause_until: DroneTime,
     witness: RangeWitness,
-    /// Speed away from the deck along its normal, low-passed, m/s; None if unknown.
+    /// Speed away from the deck along its normal, low-pass filtered, m/s; None if unknown.
     along: Option<f64>,
-    /// Start of a period without support with the thrust cut.
+    /// Start of a period without support while the thrust is cut.
     falls: Option<DroneTime>,
-    /// Largest speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
+    /// Maximum speed towards the deck within [`BEFORE_CONTACT_S`], and its time.
     closing: (DroneTime, f64),
-    /// Speed of the hardest hard contact, m/s.
+    /// Speed of the hardest contact above the limit of hard contacts, m/s.
     hard_mps: Option<f64>,
 }
 
@@ -206,7 +202,6 @@ impl TouchdownDetector {
     pub(crate) fn contact(&self) -> TouchdownContact {
         self.contact
     }
-    /// Resets the detector to the state in the air.
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
         (self.loaded, self.falls) = (None, None);
@@ -221,7 +216,7 @@ impl TouchdownDetector {
         }
         self.next = (self.next + 1) % READINGS;
     }
-    /// Median of the newest readings, m; None if they are too old or have not followed the drone.
+    /// Median of the newest readings, m; None if they are too old or have not followed the drone's motion.
     pub(crate) fn median(&self, now: DroneTime) -> Option<f64> {
         if self.witness.contradicts() {
             return None;
@@ -230,8 +225,8 @@ impl TouchdownDetector {
         let fresh = newest.filter(|(at, _)| now - *at <= topics::RANGE.stale_after);
         median(fresh.map(|(_, r)| r))
     }
-    /// Whether the readings of the last [`RESTING_S`] average to the feet's range without outliers, and
-    /// odometry and forecast also show that the drone stays on the deck.
+    /// Whether the mean of the readings over the last [`RESTING_S`] is the feet's range without outliers, and odometry
+    /// and forecast also show that the drone stays on the deck.
     fn resting(&self, now: DroneTime) -> bool {
         if self.witness.contradicts() || !self.stays() {
             return false;
@@ -264,7 +259,7 @@ impl TouchdownDetector {
             self.closing = (now, closing);
         }
     }
-    /// Records the speed of a hard contact, which is detected by an impact near the deck.
+    /// Records the speed of a hard contact, detected by an impact near the deck.
     fn notice(&mut self, impact: f64, e: &TouchdownEvidence) {
         let near = e.clearance.is_some_and(|v| v.abs() <= CLEARANCE_VETO_M);
         let (_, closing) = self.closing;
@@ -273,7 +268,7 @@ impl TouchdownDetector {
         }
     }
 
-    /// Updates the excess and the air's lift; returns this step's excess.
+    /// Updates the excess and the aerodynamic lift; returns this step's excess.
     fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
         if let Some(max_thrust) = e.begins_within {
             // Only a force above the maximum thrust indicates a contact.
@@ -309,7 +304,7 @@ impl TouchdownDetector {
             self.clear();
             return None;
         }
-        // If the rangefinder contradicts the forecast's height, the excess decides, but has to be larger.
+        // If the rangefinder contradicts the forecast height, the excess decides, but must be larger.
         let apart = |r: &f64| disagree(r - self.feet_range, e.clearance);
         let read = self.median(now);
         let range = read.filter(|r| !apart(r));
@@ -349,7 +344,7 @@ impl TouchdownDetector {
         }
     }
 
-    /// Confirms a touchdown of a supported drone with its thrust cut; gives up after [`GIVE_UP_S`].
+    /// Confirms the touchdown of a supported drone with its thrust cut; gives up after [`GIVE_UP_S`].
     fn confirm(
         &mut self,
         now: DroneTime,
@@ -396,8 +391,7 @@ impl TouchdownDetector {
         e.normal_speed.is_none_or(|v| v.abs() <= SPEED_VETO_MPS)
     }
 
-    /// Whether the feet are near the deck, by the rangefinder unless the forecast vetoes it, or by the
-    /// forecast.
+    /// Whether the feet are near the deck: by the rangefinder unless the forecast vetoes it, otherwise by the forecast.
     fn near(&self, range: Option<f64>, e: &TouchdownEvidence, margin: f64) -> bool {
         let veto = e.clearance.is_some_and(|v| v > CLEARANCE_VETO_M || v.is_nan());
         let close = match range {

@@ -1,10 +1,10 @@
-//! Exact solver of one chain's limited problem: the dual active-set method of Goldfarb and Idnani (1983), started from
-//! the unconstrained optimum of [`super::condensed`].
+//! Exact solver of one chain's constrained problem: the dual active-set method of Goldfarb and Idnani (1983), started
+//! from the unconstrained optimum of [`super::condensed`].
 //!
-//! Constraints join the working set one by one, the most violated first, and leave it when their multiplier
-//! reaches zero. The increments follow from the images of the set's rows through the factor of H and the
-//! Cholesky factor of the images' inner products. Soft constraints involve a slack of their stage (costs as
-//! in [`super::qp`]), which stays at its bound of zero until a soft row joins.
+//! Constraints join the working set one at a time, the most violated first, and leave it when their multiplier reaches
+//! zero. The increments follow from the images of the set's rows under the factor of H, and from the Cholesky factor of
+//! the images' inner products. A soft constraint involves the slack of its stage (costs as in [`super::qp`]), which
+//! stays at its bound of zero until a soft row joins.
 
 use alight_shared::msg::Solve;
 
@@ -12,12 +12,11 @@ use super::condensed::Condensed;
 use super::model::DiscreteModel;
 use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
 
-/// Maximum number of changes of the working set: up to 15 in landings, 386 in the worst of 1500 random
-/// problems.
+/// Maximum number of changes of the working set: landings need up to 15, the worst of 1500 random problems 386.
 const MAX_CHANGES: u32 = 500;
-/// Relative distance of a row's image from the working set's span below which the row is dependent.
+/// Relative distance between a row's image and the working set's span below which the row counts as dependent.
 const DEPENDENT: f64 = 1e-11;
-/// Smallest quadratic cost of slack, relative to the linear one: the method needs a positive curvature.
+/// Minimum quadratic cost of slack relative to the linear cost, because the method needs positive curvature.
 const MIN_CURVATURE: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,9 +24,9 @@ enum Bounded {
     Input,
     Slew,
     State(usize),
-    /// The first state, bounded by a ceiling or a floor.
+    /// First state, bounded by a ceiling or a floor.
     Place,
-    /// A slack, bounded below by zero.
+    /// Slack, bounded below by zero.
     Slack,
 }
 
@@ -51,24 +50,23 @@ struct Slack {
     value: f64,
 }
 
-/// Exact solver of a chain, with all memory allocated once.
 #[derive(Clone, Debug)]
 pub(super) struct ActiveSet<const N: usize> {
     model: DiscreteModel<N, 1>,
     limits: ChainLimits<N>,
     stages: usize,
     at: ChainLayout<N>,
-    /// Slacks of all stages, alternating between motion and place.
+    /// Slacks of all stages, alternating between motion and position.
     slacks: Vec<Slack>,
-    /// Working set, its multipliers, and the images of its rows, concatenated.
+    /// Working set, its multipliers, and the concatenated images of its rows.
     rows: Vec<Row>,
     multipliers: Vec<f64>,
     images: Vec<f64>,
-    /// Lower Cholesky factor of the images' products, `capacity` columns wide.
+    /// Lower Cholesky factor of the images' inner products, `capacity` columns wide.
     factor: Vec<f64>,
     capacity: usize,
-    /// Data of the joining row: its image, its row of the factor, and the change of the multipliers per unit
-    /// of its own.
+    /// Data of the joining row: its image, its row of the factor, and the change of the set's multipliers per unit of
+    /// its own.
     image: Vec<f64>,
     joining: Vec<f64>,
     change: Vec<f64>,
@@ -103,7 +101,7 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Writes the inputs, from the unconstrained optimum of `free`. Also returns the number of changes of the
+    /// Writes the inputs, starting from the unconstrained optimum of `free`. Also returns the number of changes of the
     /// working set.
     pub fn solve(
         &mut self,
@@ -158,8 +156,8 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// The most violated row outside the set, and its violation. Early rows have a larger weight, because an
-    /// early input decides which later rows are violated.
+    /// Most violated row outside the set, and its violation. Early rows have a larger weight, because an early input
+    /// determines which later rows are violated.
     fn most_violated(&self, instance: &QpInstance<'_, N>, inputs: &[f64]) -> Option<(Row, f64)> {
         let (limits, mut worst, mut most) = (&self.limits, None, 0.0);
         let mut consider = |row: Row, value: f64, bound: f64| {
@@ -221,10 +219,10 @@ impl<const N: usize> ActiveSet<N> {
         worst
     }
 
-    /// Adds the row and removes rows whose multipliers reach zero. Returns false after too many changes.
+    /// Adds the row, and removes rows whose multipliers reach zero. Returns false after too many changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
-            // Until now the slack was at its bound, with its linear cost as multiplier.
+            // So far the slack was at its bound, with its linear cost as multiplier.
             self.slacks[i].open = true;
             self.image.fill(0.0);
             self.joining.clear();
@@ -262,7 +260,6 @@ impl<const N: usize> ActiveSet<N> {
         }
     }
 
-    /// Writes the image of a row through the factor of H.
     fn write_image(&mut self, free: &Condensed<N>, row: &Row) {
         self.image.fill(0.0);
         let held = self.image.iter_mut().take(row.stage + 1);
@@ -277,9 +274,9 @@ impl<const N: usize> ActiveSet<N> {
         free.image(&mut self.image);
     }
 
-    /// Computes the change of the set's multipliers per unit of the joining row's that keeps the set's rows
-    /// at their bounds. Returns the rate at which the joining row's violation decreases; None if the set
-    /// leaves no freedom.
+    /// Computes the change of the set's multipliers, per unit of the joining row's multiplier, that keeps the set's
+    /// rows at their bounds. Returns the rate at which the joining row's violation decreases; None if the set leaves no
+    /// freedom.
     fn direction(&mut self, row: &Row) -> Option<f64> {
         self.joining.clear();
         let images = self.images.chunks_exact(self.stages);
@@ -351,7 +348,7 @@ impl Row {
             unit: 1.0,
         }
     }
-    /// Contribution of a shared slack to the product of two rows' images.
+    /// Contribution of a shared slack to the inner product of two rows' images.
     fn product(&self, other: &Row, slacks: &[Slack]) -> f64 {
         let shared = self.slack.filter(|_| self.slack == other.slack);
         shared.map_or(0.0, |i| self.unit * other.unit / slacks[i].quadratic)

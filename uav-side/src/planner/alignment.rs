@@ -1,6 +1,5 @@
-//! Law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights
-//! that increase as the foot plane approaches the deck. Only the flare's reference has the deck's attitude to
-//! align with.
+//! Law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights that increase
+//! as the foot plane approaches the deck. Only the flare's reference contains a deck attitude to align with.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::time::{DroneClock, Time};

@@ -1,16 +1,14 @@
-//! Exact fast path: one chain's problem, condensed to its input increments (Procházka et al. 2024, eq. 6-7)
-//! and solved by Cholesky without limits. A result within all limits is also the optimum of the limited
-//! problem, which only removes choices or adds a non-negative cost of slack.
+//! Exact fast path: one chain's problem, condensed to its input increments (Procházka et al. 2024, eq. 6-7) and solved
+//! by Cholesky without limits. A result within all limits is also the optimum of the constrained problem, which only
+//! removes choices or adds a non-negative cost of slack.
 
 use nalgebra::SVector;
 
 use super::model::DiscreteModel;
 
-/// Reference and weights of one stage of a chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StageCost<const N: usize> {
     pub reference: SVector<f64, N>,
-    /// Diagonal of Q.
     pub weight: SVector<f64, N>,
 }
 
@@ -20,15 +18,15 @@ pub struct Condensed<const N: usize> {
     model: DiscreteModel<N, 1>,
     stages: usize,
     increment_weight: f64,
-    /// `response[i]`: state `i` steps after a unit input was switched on.
+    /// `response[i]`: state `i` steps after a unit step of the input.
     response: Vec<SVector<f64, N>>,
-    /// Weights of the present factor.
+    /// Weights for which the current factor was computed.
     factored_for: Vec<SVector<f64, N>>,
-    /// Transposed Cholesky factor of H, upper, row-major.
+    /// Transposed Cholesky factor of H: upper triangular, row-major.
     factor: Vec<f64>,
-    /// Weighted responses at one stage by component; the inner loops run over stages.
+    /// Weighted responses at one stage, by component, so that the inner loops run over stages.
     weighted: [Vec<f64>; N],
-    /// Half the solution: the factor's inverse applied to the negative gradient.
+    /// Half of the solution: the inverse of the factor applied to the negative gradient.
     half: Vec<f64>,
     /// Right-hand side, then the solution.
     work: Vec<f64>,
@@ -54,8 +52,8 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k -
-    /// u_(k-1))²`, `k = 1..stages`, without limits. Returns false if the problem is not positive definite.
+    /// Writes the inputs (not increments) that minimise `sum_k (x_k - r_k)' Q_k (x_k - r_k) + R (u_k - u_(k-1))²`, `k =
+    /// 1..stages`, without limits. Returns false if the problem is not positive definite.
     pub fn solve(
         &mut self,
         x0: &SVector<f64, N>,
@@ -67,7 +65,7 @@ impl<const N: usize> Condensed<N> {
         if cost.len() != n || inputs.len() != n || !self.factorise(cost) {
             return false;
         }
-        // The gradient follows from the free response, with the previous input held.
+        // The gradient follows from the free response with the previous input held.
         let mut free = *x0;
         self.half.fill(0.0);
         for k in 0..n {
@@ -89,8 +87,7 @@ impl<const N: usize> Condensed<N> {
         inputs.iter().all(|u| u.is_finite())
     }
 
-    /// Copies the factor of a chain with the same weights whose responses differ only in sign, which H
-    /// squares.
+    /// Copies the factor of a chain with the same weights whose responses differ only in sign, which cancels in H.
     pub(super) fn adopt_factor(&mut self, other: &Self) {
         if self.factored_for != other.factored_for {
             self.factored_for.clone_from(&other.factored_for);
@@ -98,7 +95,7 @@ impl<const N: usize> Condensed<N> {
         }
     }
 
-    /// Factorises `H = R I + sum_k S_k' Q_k S_k`, if a weight has changed.
+    /// Factorises `H = R I + sum_k S_k' Q_k S_k` if a weight has changed.
     fn factorise(&mut self, cost: &[StageCost<N>]) -> bool {
         let n = self.stages;
         let same =
@@ -149,15 +146,14 @@ impl<const N: usize> Condensed<N> {
     pub(super) fn response(&self) -> &[SVector<f64, N>] {
         &self.response
     }
-    /// Half of the last solution, the input of [`Condensed::increments`].
+    /// Half of the last solution, which is the input of [`Condensed::increments`].
     pub(super) fn half(&self) -> &[f64] {
         &self.half
     }
-    /// Applies the factor's inverse to a row of increments, in place.
+    /// Applies the inverse of the factor to a row of increments, in place.
     pub(super) fn image(&self, row: &mut [f64]) {
         forward(&self.factor, row);
     }
-    /// Converts half a solution to increments, in place.
     pub(super) fn increments(&self, half: &mut [f64]) {
         backward(&self.factor, half);
     }

@@ -1,5 +1,3 @@
-//! The planner's configuration.
-
 use serde::{Deserialize, Serialize};
 
 use alight_shared::config;
@@ -14,7 +12,7 @@ use super::weights::{Faa, Weights};
 pub enum PlannerKind {
     /// The paper's MPC with Forcing Attitude Alignment.
     MpcFaa,
-    /// Alight's own: position, velocity and attitude match the deck's at a chosen time.
+    /// Alight's own planner: position, velocity and attitude match the deck's at a chosen time.
     #[default]
     Alight,
 }
@@ -31,19 +29,19 @@ impl PlannerKind {
 config! {
     /// Rotor limits and their division among the four virtual inputs.
     ///
-    /// Defaults: Alight's, because the paper publishes none. Lowest speed from ctu-mrs `t650`: (875 rpm /
-    /// 3420 rpm)². Slew: hover to twice hover in 0.1 s, three time constants of a motor; with half of that
-    /// value a third of a landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the default
-    /// drone, more than an autopilot's attitude loop follows.
+    /// Defaults: Alight's, because the paper publishes none. Lowest speed: (875 rpm / 3420 rpm)², from ctu-mrs `t650`.
+    /// Slew: from hover to twice hover in 0.1 s, three time constants of a motor; with half of that value a third of a
+    /// landing's problems reached a limit. Tilt input 0.3: 12 rad/s² with the default drone, more than an autopilot's
+    /// attitude loop can follow.
     #[derive(Copy)]
     pub struct RotorLimits {
         /// Minimum squared speed of a rotor, relative to hover.
         pub lowest: f64 = 0.065, in 0.0..=0.5;
         /// Change of a rotor's squared speed per second, relative to hover.
         pub slew_per_s: f64 = 10.0, in 0.5..=100.0;
-        /// Maximum magnitude of roll and pitch each, virtual input.
+        /// Maximum magnitude of the virtual inputs roll and pitch, each.
         pub tilt_input: f64 = 0.3, in 0.01..=0.4;
-        /// Maximum magnitude of yaw, virtual input. Thrust gets the remainder.
+        /// Maximum magnitude of the virtual input yaw. Thrust gets the remainder.
         pub yaw_input: f64 = 0.25, in 0.01..=0.4;
         /// Fractions of the slew for thrust, for roll and pitch each, and for yaw; thrust + 2 x tilt + yaw at most 1.
         pub slew_fractions: [f64; 3] = [0.4, 0.25, 0.1], in 0.01..=0.9;
@@ -60,11 +58,10 @@ config! {
 }
 
 impl RotorLimits {
-    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor in `[lowest,
-    /// highest]` in any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink
-    /// together when a weak drone would otherwise have no thrust left. Tilt is about the axes of NED, not of
-    /// the body; a rotation by the heading keeps `|nu1| + |nu2|` within `2 tilt`, because the box's corner
-    /// has the same sum.
+    /// Bounds of the virtual inputs thrust (lower, upper), tilt and yaw that keep every rotor within `[lowest,
+    /// highest]` in any combination: each rotor is `1 + (nu0 +- nu1 +- nu2 +- nu3) / 2`. Tilt and yaw shrink together
+    /// if a weak drone would otherwise have no thrust left. Tilt is about the axes of NED, not of the body; a rotation
+    /// by the heading keeps `|nu1| + |nu2|` within `2 tilt`, because the corner of the box has the same sum.
     pub fn bounds(&self, drone: &DroneGeometry) -> RotorBounds {
         let down = 2.0 * (1.0 - self.lowest);
         let up = 2.0 * (drone.max_thrust_n / (drone.mass_kg * GRAVITY) - 1.0);
@@ -77,8 +74,7 @@ impl RotorLimits {
             yaw: shrink * self.yaw_input,
         }
     }
-    /// Bounds of the change of the thrust, roll, pitch and yaw inputs per step, as fractions of the rotors'
-    /// slew.
+    /// Bounds on the change of the thrust, roll, pitch and yaw inputs per step, as fractions of the rotors' slew.
     pub fn slew(&self, step_s: f64) -> [f64; 4] {
         let all = 2.0 * self.slew_per_s * step_s;
         let [thrust, tilt, yaw] = self.slew_fractions;
@@ -88,7 +84,6 @@ impl RotorLimits {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RotorBounds {
-    /// Lower and upper bound.
     pub thrust: [f64; 2],
     pub tilt: f64,
     pub yaw: f64,
@@ -97,8 +92,8 @@ pub struct RotorBounds {
 config! {
     /// Soft limits of the states.
     ///
-    /// Defaults: Procházka 2024, Table 4. The costs of slack are Alight's: large against a metre of position
-    /// error (30), small against FAA's largest weight (50000 per rad²).
+    /// Defaults: Procházka 2024, Table 4. The costs of slack are Alight's: large compared with a metre of position
+    /// error (30), small compared with FAA's largest weight (50000 per rad²).
     #[derive(Copy)]
     pub struct StateLimits {
         /// Roll and pitch, deg.
@@ -117,10 +112,10 @@ config! {
 }
 
 config! {
-    /// Pace at which references approach their target.
+    /// Limits on how references approach their target.
     ///
-    /// Chosen: within the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2 vertical);
-    /// yaw within the rotors' small drag moment.
+    /// Chosen: within the "fast" constraint set of ctu-mrs (8 m/s and 4 m/s² horizontal, 4 and 2 vertical); yaw is
+    /// limited by the small drag moment of the rotors.
     #[derive(Copy)]
     pub struct Shaping {
         /// Horizontal speed relative to the target, m/s.
@@ -144,7 +139,7 @@ config! {
 config! {
     /// Differences above which the plan restarts from the measured state instead of the previous plan.
     ///
-    /// Chosen: well above a tracker's errors in gusts and below a visible jump.
+    /// Chosen: well above tracking errors in gusts and below a visible jump.
     #[derive(Copy)]
     pub struct Reset {
         /// Horizontal distance, m.
@@ -159,9 +154,9 @@ config! {
         pub yaw_deg: f64 = 30.0, in 1.0..=180.0;
         /// Maximum age of the last plan, s.
         pub age_s: f64 = 0.5, in 0.05..=10.0;
-        /// Maximum height of the start of a landing's plan above the drone, m.
+        /// Maximum height above the drone at which a landing's plan starts, m.
         pub ahead_m: f64 = 0.0, in 0.0..=100.0;
-        /// Maximum sink rate of the drone beyond that of a landing plan's start, m/s.
+        /// Maximum amount by which the drone's sink rate exceeds that at the start of a landing's plan, m/s.
         pub ahead_mps: f64 = 0.1, in 0.0..=100.0;
     }
 }
@@ -169,8 +164,8 @@ config! {
 config! {
     /// The planner.
     ///
-    /// Defaults: horizon, rates, R and landing weights: Procházka 2024, section III and Table 4. The weights
-    /// of NAVIGATION and FOLLOW are not published; these and all other values are Alight's.
+    /// Defaults: horizon, rates, R and landing weights: Procházka 2024, section III and Table 4. The weights of
+    /// NAVIGATION and FOLLOW are unpublished; these and all other values are Alight's.
     pub struct PlannerConfig {
         /// Kind of the planner.
         pub kind: PlannerKind = PlannerKind::Alight;
@@ -202,7 +197,7 @@ config! {
             }, table;
         /// Weights in LANDING, far from the deck.
         pub landing: Weights;
-        /// Change of the weights near the deck (`mpc-faa` only).
+        /// Increase of the weights near the deck (`mpc-faa` only).
         pub faa: Faa;
         /// Touchdown time, descent profile and weights of the rendezvous (`alight` only).
         pub rendezvous: RendezvousConfig;
@@ -210,9 +205,9 @@ config! {
         pub rotors: RotorLimits;
         /// State limits, soft.
         pub limits: StateLimits;
-        /// Pace of the approach to a reference.
+        /// Limits on how the reference approaches its target.
         pub shaping: Shaping;
-        /// Limits above which a plan restarts from the measured state.
+        /// Differences above which a plan restarts from the measured state.
         pub reset: Reset;
         /// Depth below the deck's plane at which the reference ends after contact, m.
         pub press_m: f64 = 0.3, in 0.0..=1.0;
@@ -259,7 +254,7 @@ mod tests {
                     max = max.max(u);
                 }
             }
-            // The limits are reached exactly, not exceeded.
+            // The limits are reached but not exceeded.
             assert!((min - limits.lowest).abs() < 1e-12 && (max - highest).abs() < 1e-12);
         }
         let slew = limits.slew(0.1);
@@ -272,7 +267,7 @@ mod tests {
         assert_eq!(parse("kind = \"mpc-faa\"").unwrap(), PlannerKind::MpcFaa);
         assert!(
             parse("kind = \"mpc-ne\"").is_err(),
-            "baselines fly on the bench only"
+            "baselines fly only in the benchmark"
         );
         assert_eq!(parse("kind = \"alight\"").unwrap(), PlannerKind::Alight);
         assert_eq!(parse("").unwrap(), PlannerKind::Alight);

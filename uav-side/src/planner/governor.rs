@@ -1,10 +1,10 @@
-//! Reference governor: approaches a target at bounded speed and acceleration, so that the plan meets no step
-//! of 40 m.
+//! Reference governor: approaches a target with bounded speed and acceleration, so that the plan never sees a step of
+//! 40 m.
 
 use alight_shared::time::{DroneClock, Time};
 use nalgebra::SVector;
 
-/// Pace at which a reference approaches its target.
+/// Limits on how a reference approaches its target.
 #[derive(Clone, Copy, Debug)]
 pub struct Pace {
     /// Maximum speed relative to the target, unit/s.
@@ -34,8 +34,8 @@ impl<const D: usize> GovernedMotion<D> {
             velocity: self.velocity - other.velocity,
         }
     }
-    /// Closes the gap over `time_s`: constant deceleration at first, exponential near the end, with
-    /// continuous velocity.
+    /// Reduces the gap over `time_s`: constant deceleration at first, exponential near the end, with continuous
+    /// velocity.
     pub fn advance(&mut self, time_s: f64, pace: &Pace) {
         const SUBSTEP_S: f64 = 0.025;
         const BRAKING: f64 = 1.15;
@@ -71,7 +71,6 @@ impl<const D: usize> GovernedMotion<D> {
 /// Reference point that approaches a moving target and then stays on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceGovernor<const D: usize> {
-    /// Position relative to the target.
     pub gap: GovernedMotion<D>,
     /// Last update: time, kind of target, and target.
     from: Option<(Time<DroneClock>, bool, GovernedMotion<D>)>,
@@ -87,9 +86,9 @@ impl<const D: usize> Default for ReferenceGovernor<D> {
 }
 
 impl<const D: usize> ReferenceGovernor<D> {
-    /// Propagates the gap to `now` against this target. If the target is of another kind or has jumped by
-    /// more than `limits[0]`, the reference stays in place. If it is further than `limits[1]` from the plan's
-    /// start, it restarts at that start.
+    /// Propagates the gap to `now` for this target. If the kind of target has changed or the target has jumped by more
+    /// than `limits[0]`, the reference stays in place. If it is farther than `limits[1]` from the plan's start, it
+    /// restarts there.
     pub fn update(
         &mut self,
         now: Time<DroneClock>,
@@ -146,7 +145,7 @@ mod tests {
             time += 0.02;
             assert!(time < 20.0);
         }
-        // The time is at least that for 50 m at 5 m/s and one ramp.
+        // The time is at least that for 50 m at 5 m/s plus one ramp.
         assert!(time > 11.0, "{time}");
     }
 
@@ -160,7 +159,7 @@ mod tests {
             governor.gap.place[0]
         };
         gap(0, 2.0, 2.0);
-        // A jump of 0.2 m is followed, one of 10 m is approached.
+        // A jump of 0.2 m is followed at once; one of 10 m is approached gradually.
         assert!(gap(20, 2.2, 2.0).abs() < 1e-12);
         assert!((gap(40, 12.2, 2.2) + 10.0).abs() < 1e-9);
         assert!((gap(60, 12.2, -60.0) + 72.2).abs() < 1e-9);

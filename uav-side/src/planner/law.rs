@@ -11,11 +11,10 @@ pub use super::view::View;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {
-    /// Whether the first plan of a landing starts from the measured state.
     pub measured: bool,
-    /// Time constant with which later plans approach the drone's position and velocity, s. They also start no
-    /// higher above the drone and sink no slower than [`super::config::Reset`] allows. None: plans continue
-    /// regardless of the drone.
+    /// Time constant with which later plans approach the drone's position and velocity, s. Their start is also limited
+    /// in height above the drone and in sink rate by [`super::config::Reset`]. None: plans continue regardless of the
+    /// drone.
     pub approach_time_s: Option<f64>,
 }
 
@@ -29,15 +28,15 @@ pub trait Law: core::fmt::Debug + Send {
         _last: &PlanReference,
     ) {
     }
-    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state stands for
-    /// the resulting acceleration; otherwise it is the tilt of the body.
+    /// Wind that plans allow for, as an acceleration, m/s². If it is not zero, the tilt in a state represents the
+    /// resulting acceleration; otherwise it is the tilt of the body.
     fn wind(&self) -> Vector2<f64> {
         Vector2::zeros()
     }
     fn landing_start(&self) -> LandingStart {
         LandingStart::default()
     }
-    /// Whether [`Law::own_plan`] has to restart at the common planner's start.
+    /// Whether [`Law::own_plan`] must restart at the common planner's start.
     fn begins(
         &self,
         _now: Time<DroneClock>,
@@ -47,8 +46,8 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> bool {
         false
     }
-    /// Plan by the law's own model and solver, restarted at `start` (state, and vertical acceleration in NED,
-    /// m/s²) if given.
+    /// Plan from the law's own model and solver, restarted at `start` (state, and vertical acceleration in NED, m/s²)
+    /// if given.
     fn own_plan(
         &mut self,
         _now: Time<DroneClock>,
@@ -58,7 +57,7 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<Plan> {
         None
     }
-    /// Whether no plan is made if [`Law::own_plan`] has just returned none; otherwise the common planner plans.
+    /// Whether there is no plan when [`Law::own_plan`] returns none; otherwise the common planner takes over.
     fn plans_alone(&self) -> bool {
         false
     }
@@ -75,8 +74,7 @@ pub trait Law: core::fmt::Debug + Send {
     ) -> Option<f64> {
         None
     }
-    /// Upward axis of the body (NED) for a state and vertical acceleration (NED, m/s²), and factor on tilt
-    /// rates.
+    /// Upward axis of the body (NED) for a state and vertical acceleration (NED, m/s²), and the factor on tilt rates.
     fn attitude(&self, state: &ModelState, _vertical: f64) -> (Vector3<f64>, f64) {
         (up_of(state[state::PHI], state[state::THETA]), 1.0)
     }

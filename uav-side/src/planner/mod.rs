@@ -1,14 +1,14 @@
 //! Planner: a trajectory over a receding horizon.
 //!
-//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`] (references
-//! by mission state), [`law`] (the planners' differences), [`alignment`] and [`rendezvous`] (the laws of
-//! `mpc-faa` and `alight`), [`condensed`], `active_set` and [`qp`] (solvers), `start` (start of a plan), this
-//! file (schedule and messages).
+//! Reading order: [`mpc_faa`] (the problem), [`model`] and [`weights`] (its parts), [`reference`] (references by
+//! mission state), [`law`] (what differs between planners), [`alignment`] and [`rendezvous`] (the laws of `mpc-faa` and
+//! `alight`), [`condensed`], `active_set` and [`qp`] (solvers), `start` (start of a plan), this file (schedule and
+//! messages).
 //!
-//! A plan starts from the previous plan sampled now: the pilot's tracker closes the loop, and a lagging drone
-//! does not change its own plan. A plan starts from the measured state if there is no recent previous plan,
-//! if the drone is further from it than [`config::Reset`] allows, or if the autopilot's position estimate
-//! jumped. In a landing `alight` limits height and sink rate of the start by `Reset`.
+//! A plan starts from the current point of the previous plan: the pilot's tracker closes the loop, and a lagging drone
+//! does not change its own plan. A plan starts from the measured state if there is no recent previous plan, if the
+//! drone is farther from it than [`config::Reset`] allows, or if the autopilot's position estimate has jumped. In a
+//! landing `alight` limits height and sink rate at the start by `Reset`.
 
 mod active_set;
 pub mod alignment;
@@ -97,12 +97,11 @@ pub struct Planner {
     forecast: Latest<DeckForecast>,
     mission: Latest<MissionState>,
     drone: Latest<DroneState>,
-    /// Number of starts from the measured state.
     resets: u32,
 }
 
 impl Planner {
-    /// Planner of the configured kind. `boot` distinguishes this process from its predecessors.
+    /// `boot` distinguishes this process from its predecessors.
     pub fn new(config: &PlannerConfig, drone: &DroneGeometry, deck: &DeckGeometry, boot: u32) -> Self {
         let law: Box<dyn Law> = match config.kind {
             PlannerKind::MpcFaa => Box::new(FaaAlignment::new(&config.faa, drone)),
@@ -166,7 +165,7 @@ impl Planner {
             Phase::Navigation => self.config.navigation_hz,
             Phase::Follow | Phase::Landing => self.config.landing_hz,
         };
-        // A step is on time if it is early by up to half a tick of the highest rate.
+        // A step counts as on time if it is early by up to half a tick of the highest rate.
         const EARLY_S: f64 = 0.004;
         match self.last_solve {
             Some((at, before)) => before != phase || (now - at).secs() >= 1.0 / rate - EARLY_S,
@@ -174,8 +173,8 @@ impl Planner {
         }
     }
 
-    /// Drops the previous plan when `alight` begins a landing: the autopilot's own position loop may have
-    /// left an error of 0.5 m, which the pilot would close more slowly than the landing lasts.
+    /// Drops the previous plan when `alight` begins a landing, because the autopilot's own position loop may have left
+    /// an error of 0.5 m, which the pilot would need longer than the landing to correct.
     fn begin_landing(&mut self, phase: Phase) {
         let begins = phase == Phase::Landing && self.last_solve.is_none_or(|(_, before)| before != phase);
         if begins && self.law.landing_start().measured {
@@ -183,7 +182,7 @@ impl Planner {
         }
     }
 
-    /// State and input at the plan's start: the last plan's at `now`, or the measured ones. None without
+    /// State and input at the plan's start: those of the last plan at `now`, or the measured ones. None without
     /// odometry.
     fn start(&mut self, now: Time<DroneClock>) -> Option<(ModelState, [f64; INPUTS])> {
         let c = &self.config;
@@ -276,7 +275,7 @@ impl Planner {
         plan.check().is_ok().then_some(plan)
     }
 
-    /// The plan as a message from `now` on. Half steps are included if they fit, for a finer interpolation.
+    /// Plan as a message from `now` on. Half steps are included if they fit, for finer interpolation.
     fn message(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Plan {
         let (n, step) = (self.mpc.stages(), self.mpc.step_s());
         let halves = 2 * n < alight_shared::msg::PLAN_STAGES;
@@ -332,7 +331,7 @@ impl Planner {
         }
     }
 
-    /// Contact time of the feet with the deck's plane in this plan.
+    /// Time at which the feet contact the deck's plane in this plan.
     fn touchdown(&self, now: Time<DroneClock>, solved: &SolvedPlan) -> Option<Time<DroneClock>> {
         if !self.reference.touch {
             return None;
@@ -371,7 +370,7 @@ impl Node for Planner {
     fn step(&mut self, now: Time<DroneClock>, input: &PlannerIn) -> PlannerOut {
         self.receive(now, input);
         let mission = self.mission.fresh(now, topics::MISSION.stale_after).copied();
-        // Without a mission the pilot has flown on its own, which voids the previous plan.
+        // Without a mission the pilot has flown on its own, which invalidates the previous plan.
         let mission = mission.unwrap_or_default();
         let phase = mission.state.phase();
         match phase {

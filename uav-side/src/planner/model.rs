@@ -1,14 +1,12 @@
-//! Paper's prediction model: the multirotor linearised about hover, discretised exactly (Procházka et al.
-//! 2024, eq. 4-5).
+//! Prediction model of the paper: the multirotor linearised about hover, discretised exactly (Procházka et al. 2024,
+//! eq. 4-5).
 //!
-//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` =
-//! squared rotor speeds divided by their value at hover. In the paper's ENU the signs of z and of the torques
-//! differ.
+//! State `x = [p, (phi theta psi), v, (phidot thetadot psidot)]` in NED with ZYX Euler angles, input `u` = squared
+//! rotor speeds divided by their value at hover. In the paper's ENU the signs of z and of the torques differ.
 //!
-//! About hover the model splits into four chains that share only the rotors: x-pitch and y-roll (four
-//! integrators each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the
-//! increments of the rotors equals that on the increments of the virtual inputs, and four small problems are
-//! equivalent to the large one.
+//! About hover the model splits into four chains that are coupled only through the rotors: x-pitch and y-roll (four
+//! integrators each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the rotors' increments
+//! equals that on the increments of the virtual inputs, and four small problems are equivalent to the large one.
 
 use alight_shared::frames::body_rates;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
@@ -19,36 +17,26 @@ pub const STATES: usize = 12;
 /// Number of rotors, and of virtual inputs.
 pub const INPUTS: usize = 4;
 
-/// The full state `[p, euler, v, euler rates]`: m, rad, m/s, rad/s.
+/// Full state `[p, euler, v, euler rates]`, indexed by [`state`]: m, rad, m/s, rad/s.
 pub type ModelState = [f64; STATES];
 
 pub mod state {
     use super::ModelState;
     use nalgebra::Vector3;
 
-    /// Position north, m.
     pub const NORTH: usize = 0;
-    /// Position east, m.
     pub const EAST: usize = 1;
-    /// Position down, m.
     pub const DOWN: usize = 2;
     /// Tilt about north, rad.
     pub const PHI: usize = 3;
     /// Tilt about east, rad.
     pub const THETA: usize = 4;
-    /// Heading, rad.
     pub const PSI: usize = 5;
-    /// Velocity north, m/s.
     pub const V_NORTH: usize = 6;
-    /// Velocity east, m/s.
     pub const V_EAST: usize = 7;
-    /// Velocity down, m/s.
     pub const V_DOWN: usize = 8;
-    /// Rate of [`PHI`], rad/s.
     pub const PHI_DOT: usize = 9;
-    /// Rate of [`THETA`], rad/s.
     pub const THETA_DOT: usize = 10;
-    /// Rate of [`PSI`], rad/s.
     pub const PSI_DOT: usize = 11;
 
     /// Position, NED, m.
@@ -66,7 +54,6 @@ pub const MIXER: [[f64; 4]; 4] = [
     [-0.5, 0.5, -0.5, 0.5],
 ];
 
-/// Gains of the four virtual inputs at hover.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoverModel {
     /// Downward acceleration per unit of collective input, m/s²: `-g / 2`.
@@ -80,8 +67,8 @@ pub struct HoverModel {
 }
 
 impl HoverModel {
-    /// The paper's lever `l` of all four rotors about each axis is the arm length of an X frame divided by
-    /// the root of two.
+    /// The paper's lever arm `l` of all four rotors about each axis is the arm length of an X frame divided by the
+    /// square root of two.
     pub fn new(drone: &DroneGeometry) -> Self {
         let half_weight = 0.5 * drone.mass_kg * GRAVITY;
         let lever = drone.arm_m * core::f64::consts::FRAC_1_SQRT_2;
@@ -100,7 +87,8 @@ impl HoverModel {
         for i in 0..6 {
             a[(i, i + 6)] = 1.0;
         }
-        // A nose-down pitch is negative and accelerates forward; a starboard-down roll accelerates to the right.
+        // A nose-down pitch is negative and accelerates the drone forward; a starboard-down roll accelerates it to the
+        // right.
         a[(state::V_NORTH, state::THETA)] = -GRAVITY;
         a[(state::V_EAST, state::PHI)] = GRAVITY;
         let mut b = SMatrix::zeros();
@@ -131,7 +119,7 @@ impl HoverModel {
     }
 }
 
-/// `xdot = A x + B u` with a single input, continuous time.
+/// Continuous-time chain `xdot = A x + B u` with a single input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain<const N: usize> {
     /// `A`, 1/s.
@@ -181,7 +169,7 @@ impl<const N: usize> DiscreteModel<N, 1> {
     }
 }
 
-/// Exact zero-order hold: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`; finite, because the
+/// Exact zero-order hold: `Ad = sum A^k h^k / k!`, `Bd = sum A^k h^(k+1) / (k+1)! B`. The sums are finite, because the
 /// hover model's `A` is nilpotent (`A^4 = 0`).
 pub fn discretise<const N: usize, const M: usize>(
     a: &SMatrix<f64, N, N>,
@@ -202,15 +190,15 @@ pub fn discretise<const N: usize, const M: usize>(
     }
 }
 
-/// Tilt (phi, theta) of a body with the upward axis `up` (NED), about the axes of a frame turned by
-/// `heading`: `R = Ry(theta) Rx(phi)` turns the frame's -z to `up`.
+/// Tilt (phi, theta) of a body with the upward axis `up` (NED), about the axes of a frame rotated by `heading`: `R =
+/// Ry(theta) Rx(phi)` rotates the frame's -z to `up`.
 pub fn tilt_of(up: &Vector3<f64>, heading: f64) -> (f64, f64) {
     let (s, c) = heading.sin_cos();
     let (x, y) = (c * up.x + s * up.y, -s * up.x + c * up.y);
     (y.clamp(-1.0, 1.0).asin(), (-x).atan2(-up.z))
 }
 
-/// Upward axis in NED of a body with tilt `(phi, theta)` about north and east.
+/// Upward axis (NED) of a body with tilt `(phi, theta)` about north and east.
 pub fn up_of(phi: f64, theta: f64) -> Vector3<f64> {
     let ((sp, cp), (st, ct)) = (phi.sin_cos(), theta.sin_cos());
     Vector3::new(-st * cp, sp, -ct * cp)
@@ -221,13 +209,11 @@ pub fn angular_velocity(d: &DeckStage) -> Vector3<f64> {
     d.rotation() * body_rates(d.euler[0], d.euler[1], Vector3::from(d.euler_rates))
 }
 
-/// Height of the foot plane of a body at `p` with upward axis `up` over the deck's plane, along its normal,
-/// m.
+/// Height above the deck's plane, along its normal, of the foot plane of a body at `p` with upward axis `up`, m.
 pub fn clearance(p: &Vector3<f64>, up: &Vector3<f64>, deck: &DeckStage, feet_below_m: f64) -> f64 {
     deck.height_of(&(p - up * feet_below_m))
 }
 
-/// Odometry as a state of the model.
 pub fn measured_state(drone: &DroneState) -> ModelState {
     let q = drone.attitude();
     let (phi, theta) = tilt_of(&(q * -Vector3::z()), 0.0);
@@ -263,8 +249,8 @@ mod tests {
         }
     }
 
-    /// Nonlinear rigid body of eq. 4-5: thrust along the body's -z, torques from the rotors' positions and
-    /// reaction moments, Euler's equation; rotors numbered as in [`MIXER`].
+    /// Nonlinear rigid body of eq. 4-5: thrust along the body's -z, torques from the rotors' positions and reaction
+    /// moments, and Euler's equation. Rotors are numbered as in [`MIXER`].
     fn rigid_body(d: &DroneGeometry, x: &SVector<f64, 12>, u: &Vector4<f64>) -> SVector<f64, 12> {
         let l = d.arm_m / 2f64.sqrt();
         let rotors = [[-l, l], [l, l], [l, -l], [-l, -l]];
@@ -284,7 +270,7 @@ mod tests {
         let omega_dot = (torque - omega.cross(&inertia.component_mul(&omega))).component_div(&inertia);
         let acceleration = Rotation3::from_euler_angles(phi, theta, psi) * force / d.mass_kg
             + Vector3::new(0.0, 0.0, GRAVITY);
-        // d/dt (T omega) = T omega_dot + Tdot omega; the second term by a difference in time.
+        // d/dt (T omega) = T omega_dot + Tdot omega, with the second term as a finite difference in time.
         let h = 1e-6;
         let later = euler_rates(phi + h * euler_dot.x, theta + h * euler_dot.y, omega);
         let euler_ddot = euler_rates(phi, theta, omega_dot) + (later - euler_dot) / h;

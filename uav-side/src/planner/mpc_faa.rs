@@ -6,12 +6,12 @@
 //! - Q with Forcing Attitude Alignment ([`super::weights`]);
 //! - eq. 7: limits of inputs and increments (hard), of tilt, velocity and rates (soft).
 //!
-//! Each chain is first solved exactly without limits ([`super::condensed`]). In the paper's planner a chain
-//! whose optimum exceeds a limit goes to Clarabel ([`super::qp`]). Alight's planner, and problems that
-//! Clarabel does not solve, use the active-set solver (`active_set`).
+//! Each chain is first solved exactly without limits ([`super::condensed`]). In the paper's planner a chain whose
+//! optimum exceeds a limit is passed to Clarabel ([`super::qp`]). Alight's planner uses the active-set solver
+//! (`active_set`) instead, as do problems that Clarabel does not solve.
 //!
-//! Axes: NED. Tilt is measured about north and east (`phi`, `theta` of the body turned back by its yaw), so
-//! the hover model at yaw 0 is correct at every heading.
+//! Axes: NED. Tilt is measured about north and east (`phi`, `theta` of the body rotated back by its yaw), so the hover
+//! model at yaw 0 is correct at every heading.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Solve;
@@ -32,24 +32,24 @@ pub struct Problem {
     pub reference: Vec<ModelState>,
     /// Diagonal of Q, stages 1..=N.
     pub weight: Vec<ModelState>,
-    /// Soft upper bound of z (NED: the lowest height) at stages 1..=N, m.
+    /// Soft upper bound of z (NED, so the minimum height) at stages 1..=N, m.
     pub ceiling: Vec<f64>,
     pub sides: Vec<Side>,
 }
 
-/// Half-space in which a stage's position has to lie: `n . (x, y, z) >= b`.
+/// Half-space that must contain a stage's position: `n . (x, y, z) >= b`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     /// Index of the stage in [`Problem::reference`].
     pub stage: usize,
-    /// Normal `n`, towards the drone's side.
+    /// Normal `n`, pointing towards the drone's side.
     pub normal: [f64; 3],
     /// Offset `b`, m.
     pub offset: f64,
 }
 
 impl Side {
-    /// The horizontal axis closest to the normal.
+    /// Horizontal axis closest to the normal.
     fn axis(&self) -> usize {
         usize::from(self.normal[1].abs() > self.normal[0].abs())
     }
@@ -73,7 +73,6 @@ impl Side {
 }
 
 impl Problem {
-    /// Weight of the tilt at the first stage.
     pub fn alignment(&self) -> f64 {
         self.weight.first().map_or(0.0, |w| w[3])
     }
@@ -81,9 +80,9 @@ impl Problem {
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Solution {
-    /// Worst of the chains.
+    /// Worst result of the four chains.
     pub solve: Solve,
-    /// Iterations of the solver over all chains; 0 on the fast path.
+    /// Solver iterations over all chains; 0 on the fast path.
     pub iterations: u32,
     /// Virtual inputs, held over each stage.
     pub inputs: Vec<[f64; INPUTS]>,
@@ -91,7 +90,7 @@ pub struct Solution {
     pub states: Vec<ModelState>,
 }
 
-/// Indices of each chain's states in the paper's state, and of its input.
+/// For each chain, the indices of its states in the paper's state vector, and the index of its input.
 const X: ([usize; 4], usize) = ([0, 6, 4, 10], 2);
 const Y: ([usize; 4], usize) = ([1, 7, 3, 9], 1);
 const Z: ([usize; 2], usize) = ([2, 8], 0);
@@ -104,7 +103,6 @@ pub struct Mpc {
     model: HoverModel,
     x: ChainMpc<4>,
     y: ChainMpc<4>,
-    /// Chains of x and y with bounded position.
     bounded: [ChainMpc<4>; 2],
     z: ChainMpc<2>,
     yaw: ChainMpc<2>,
@@ -162,11 +160,10 @@ impl Mpc {
     pub fn step_s(&self) -> f64 {
         self.step_s
     }
-    /// Model that has the larger of both tilt inertias about both axes.
+    /// Model with the larger tilt inertia about both axes.
     pub fn model(&self) -> &HoverModel {
         &self.model
     }
-    /// Chains x, y, z, yaw.
     pub fn limits(&self) -> (ChainLimits<4>, ChainLimits<4>, ChainLimits<2>, ChainLimits<2>) {
         (self.x.limits, self.y.limits, self.z.limits, self.yaw.limits)
     }
@@ -205,8 +202,8 @@ impl Mpc {
         self.yaw.solve(problem, [&[], &[]], solution);
     }
 
-    /// Keeps x and y clear of the volumes: each axis is solved with the other axis and z fixed, and once more
-    /// if the other axis has moved.
+    /// Keeps x and y clear of the volumes. Each axis is solved with z and the other axis fixed, and once more if the
+    /// other axis has moved.
     fn keep_clear(&mut self, problem: &Problem, solution: &mut Solution) {
         self.z.solve(problem, [&[], &[]], solution);
         let mut due = [0, 1].map(|axis| problem.sides.iter().any(|s| s.axis() == axis));
@@ -227,7 +224,6 @@ impl Mpc {
         }
     }
 
-    /// State half a step later.
     pub fn half_step(&self, state: &ModelState, input: &[f64; INPUTS]) -> ModelState {
         self.half.step(state, input)
     }
@@ -237,8 +233,8 @@ impl Mpc {
     }
 }
 
-/// Hover model for axes that do not turn with the body: both tilts get the larger inertia, so that the torque
-/// limits hold at every heading.
+/// Hover model for axes that do not rotate with the body. Both tilts get the larger inertia, so that the torque limits
+/// hold at every heading.
 pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
     let model = HoverModel::new(drone);
     let weaker = model.roll.min(model.pitch);
@@ -249,7 +245,7 @@ pub fn heading_free(drone: &DroneGeometry) -> HoverModel {
     }
 }
 
-/// All four chains discretised over one duration.
+/// All four chains, discretised over one duration.
 #[derive(Clone, Copy, Debug)]
 struct Roller {
     x: DiscreteModel<4, 1>,
@@ -298,7 +294,7 @@ struct ChainMpc<const N: usize> {
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
-    /// Paper's planner only.
+    /// Only in the paper's planner.
     interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,
@@ -338,7 +334,7 @@ impl<const N: usize> ChainMpc<N> {
     }
 
     fn solve(&mut self, problem: &Problem, [floor, ceiling]: [&[f64]; 2], solution: &mut Solution) {
-        // Positions relative to the present one keep precision far from the origin.
+        // Positions relative to the current one keep precision far from the origin.
         let origin = problem.state[self.index[0]];
         let local = |full: &ModelState| {
             let mut x = gather(&self.index, full);

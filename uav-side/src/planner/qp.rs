@@ -1,10 +1,10 @@
-//! One chain's problem with its limits: sparse multiple shooting for Clarabel, with a fixed structure.
+//! One chain's constrained problem: sparse multiple shooting for Clarabel, with a fixed structure.
 //!
-//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's
-//! state limits and measured in fractions of each limit. Inputs and their increments have hard limits, states
-//! soft ones with a linear and a quadratic cost of slack: with hard state limits 2.5 % of closed-loop
-//! problems have no solution (measured). A chain whose position is bounded on both sides has a separate slack
-//! for the position; a shared one did not limit tilt and speed on the wrong side of a bound.
+//! Variables per stage k: absolute input `u_k`, state `x_(k+1)`, and one slack `s_k` shared by the stage's state limits
+//! and measured in fractions of each limit. Inputs and their increments have hard limits. States have soft limits with
+//! a linear and a quadratic cost of slack, because with hard state limits 2.5 % of closed-loop problems have no
+//! solution (measured). A chain whose position is bounded on both sides has a separate slack for the position; a shared
+//! slack failed to limit tilt and speed on the wrong side of a bound.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -25,13 +25,13 @@ pub struct ChainLimits<const N: usize> {
     pub slew: f64,
     /// Soft bound of each state's magnitude.
     pub state: [Option<f64>; N],
-    /// Whether the first state has a separate soft upper bound at each stage (height over the water).
+    /// Whether the first state has a separate soft upper bound at each stage (height above the water).
     pub ceiling: bool,
     /// Whether the first state has a separate soft lower bound at each stage.
     pub floor: bool,
 }
 
-/// Cost of one unit of slack (the size of a limit), linear and quadratic.
+/// Cost per unit of slack (the size of a limit), linear and quadratic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SlackCost {
     pub linear: f64,
@@ -46,17 +46,16 @@ pub const CEILING_SLACK_M: f64 = 0.1;
 const PLACE_SLACK_M: f64 = 1.0;
 /// Cost of the slack of speed, tilt and rate as a multiple of that of the separate position slack.
 const MOTION_OVER_PLACE: f64 = 100.0;
-/// Tolerated violation in the unconstrained optimum, in the limit's unit: the solver's feasibility tolerance.
+/// Tolerated violation at the unconstrained optimum, in the limit's unit: the solver's feasibility tolerance.
 pub(super) const TOLERANCE: f64 = 1e-9;
 /// Maximum number of interior-point iterations; 7 to 15 are needed.
 const MAX_ITERATIONS: u32 = 40;
 
 impl<const N: usize> ChainLimits<N> {
-    /// Number of variables of a stage.
     fn width(&self) -> usize {
         N + 2 + usize::from(self.floor)
     }
-    /// Clips rounding errors to the hard limits; keeps an input that is not finite.
+    /// Clips rounding errors to the hard limits; leaves a non-finite input unchanged.
     pub(super) fn clip(&self, previous_input: f64, inputs: &mut [f64]) {
         let (mut before, slew) = (previous_input, self.slew);
         for u in inputs.iter_mut().filter(|u| u.is_finite()) {
@@ -103,18 +102,15 @@ impl<const N: usize> ChainLimits<N> {
 #[derive(Clone, Copy, Debug)]
 pub struct QpInstance<'a, const N: usize> {
     pub state: SVector<f64, N>,
-    /// Input applied now.
     pub previous_input: f64,
-    /// References and weights, one per stage.
     pub cost: &'a [StageCost<N>],
-    /// Upper bound of the first state per stage ([`NO_CEILING`] for none), if the chain has one.
+    /// Upper bound of the first state per stage if the chain has one ([`NO_CEILING`]: unbounded).
     pub ceiling: &'a [f64],
-    /// Lower bound of the first state per stage, if the chain has one.
+    /// Lower bound of the first state per stage if the chain has one.
     pub floor: &'a [f64],
 }
 
-/// Indices of the variables of each stage: input, state, slack of the motion, and slack of a position with a
-/// floor.
+/// Indices of the variables of each stage: input, state, slack of the motion, and slack of a position with a floor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChainLayout<const N: usize> {
     width: usize,
@@ -153,8 +149,8 @@ impl<const N: usize> ChainLayout<N> {
         self.slack(k) + self.place
     }
 
-    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks
-    /// diagonal. Also returns the index of each stage's `Q` in its values.
+    /// `P`: inputs tridiagonal (squared increments), states diagonal (`Q`, explicit even if zero), slacks diagonal.
+    /// Also returns the index of each stage's `Q` in its values.
     fn quadratic(
         &self,
         stages: usize,
@@ -218,7 +214,7 @@ impl Constraints {
         self.b.push(bound);
     }
 
-    /// Appends `x_k+1 - A x_k - B u_k = 0`, with the present state on the right-hand side.
+    /// Appends `x_k+1 - A x_k - B u_k = 0`, with the current state on the right-hand side.
     fn dynamics<const N: usize>(&mut self, at: &ChainLayout<N>, model: &DiscreteModel<N, 1>, stages: usize) {
         for k in 0..stages {
             for i in 0..N {
@@ -266,7 +262,7 @@ impl Constraints {
     }
 }
 
-/// Fixed-structure problem data, in Clarabel's form `min x'Px/2 + q'x, Ax + s = b`.
+/// Problem data of fixed structure, in Clarabel's form `min x'Px/2 + q'x, Ax + s = b`.
 #[derive(Clone, Debug)]
 pub struct SparseForm<const N: usize> {
     stages: usize,
@@ -281,7 +277,7 @@ pub struct SparseForm<const N: usize> {
     pub a: CscMatrix<f64>,
     pub b: Vec<f64>,
     pub equalities: usize,
-    /// Index of the diagonal of `P` for each stage's first state.
+    /// Index of the diagonal element of `P` for each stage's first state.
     weight_at: Vec<usize>,
     /// Index of the first inequality row of each stage.
     row_at: Vec<usize>,

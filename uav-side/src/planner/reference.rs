@@ -1,5 +1,5 @@
-//! Reference of the plan in each mission state (Procházka et al. 2024, section IV): the predicted deck with a
-//! height profile, and a reference governor for far targets.
+//! References of the plan in each mission state (Procházka et al. 2024, section IV): the predicted deck with a height
+//! profile, and a reference governor for distant targets.
 
 mod bounds;
 
@@ -23,26 +23,25 @@ const ABORTED_DESCENT_MPS2: f64 = 6.0;
 /// Distance to the vessel below which the heading towards it is undefined, m.
 const HEADING_FROM_M: f64 = 2.0;
 
-/// Rate at which a station turns about the deck's centre, rad/s; 0 for other places.
+/// Rate at which a station rotates about the deck's centre, rad/s; 0 for other places.
 fn station_turns_radps(view: &View) -> f64 {
     let forecast = view.forecast.as_ref().filter(|_| view.mission.station.is_some());
     forecast.map_or(0.0, |f| f.mean_heading_rate)
 }
 
-/// Deck of the references, and requirements of the plan.
+/// Deck of the references, and requirements on the plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanReference {
-    /// Whether the plan ends in contact with the deck.
     pub touch: bool,
-    /// Present clearance of the foot plane above the deck, m; infinite while no deck is known.
+    /// Current clearance of the foot plane above the deck, m; infinite while no deck is known.
     pub clearance_m: f64,
     /// Weight of the tilt at the first stage.
     pub alignment: f64,
     /// Deck now and at each stage; empty if unknown.
     pub deck: Vec<DeckStage>,
-    /// Lowest height over the water outside the deck's outline, m.
+    /// Minimum height above the water outside the deck's outline, m.
     pub minimum_altitude_m: f64,
-    /// Lowest clearance of the feet over the deck in a plan, m; None without a limit.
+    /// Minimum clearance of the feet above the deck in a plan, m; None without a limit.
     pub lowest_clearance_m: Option<f64>,
     /// NED z, m; 0 if unknown.
     pub mean_z: f64,
@@ -60,7 +59,6 @@ pub struct ReferenceGenerator {
     yaw: ReferenceGovernor<1>,
     /// Position and heading to hold while the deck is unknown.
     frozen: Option<[f64; 4]>,
-    /// Whether the drone is within the approach sector.
     admitted: bool,
 }
 
@@ -76,7 +74,6 @@ struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Whether the deck could reach the plan's start.
     fn near_deck(&self) -> bool {
         let aside = |d: &DeckStage| {
             (self.start[state::NORTH] - d.position[0]).hypot(self.start[state::EAST] - d.position[1])
@@ -100,12 +97,11 @@ impl ReferenceGenerator {
         }
     }
 
-    /// Height of the deck over still water, m.
+    /// Height of the deck above still water, m.
     pub(super) fn deck_height_m(&self) -> f64 {
         -self.deck.centre_m[2]
     }
 
-    /// Resets the governors.
     pub fn restart(&mut self) {
         self.horizontal = ReferenceGovernor::default();
         self.vertical = ReferenceGovernor::default();
@@ -191,13 +187,13 @@ impl ReferenceGenerator {
             Some(_) if mean_z.is_some() => (Goal::Above, c.navigation),
             Some(_) | None => (goal, weights),
         };
-        // The drone flies towards a vessel that it does not receive.
+        // The drone flies towards a vessel whose radio is not received.
         let goal = match (mission.state, mean_z) {
             (Mode::Search, None) => Goal::Hold,
             (_, Some(_) | None) => goal,
         };
         if goal != Goal::Hold && mean_z.is_none() {
-            // While the deck is unexpectedly unknown, the drone holds its position.
+            // If the deck is unexpectedly unknown, the drone holds its position.
             let here = [state::NORTH, state::EAST, state::DOWN, state::PSI].map(|i| start[i]);
             return (Goal::Hold, weights, *self.frozen.get_or_insert(here));
         }
@@ -211,15 +207,15 @@ impl ReferenceGenerator {
         (goal, weights, [x, y, z, mission.hold_yaw])
     }
 
-    /// Next waypoint on the way round the vessel into the approach sector, from the deck's centre, m; None
-    /// within it.
+    /// Next waypoint on the path round the vessel into the approach sector, relative to the deck's centre, m; None
+    /// within the sector.
     fn way_round(&mut self, q: &Request<'_>) -> Option<Vector2<f64>> {
         let (forecast, deck) = (q.view.forecast.as_ref()?, q.reference.deck.first()?);
         let from = Vector2::new(
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        // A station is at the height of an approach, and the mission sets its waypoints.
+        // A station is at an approach height, and the mission sets its waypoints.
         let stays = q.view.mission.station.is_some();
         if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
@@ -243,11 +239,11 @@ impl ReferenceGenerator {
         let (round, out) = (self.way_round(q), self.escape(q));
         let aside = round.unwrap_or_else(|| q.view.mission.waiting_offset.unwrap_or_default().into());
         let turns_radps = station_turns_radps(q.view);
-        // Target at stage k (0 is now), and its tilt with the rate of tilt.
+        // Target at stage k (0 is now), and its tilt and tilt rate.
         let target = |k: usize| match (q.goal, q.reference.deck.get(k)) {
             (Goal::Hold, _) | (_, None) => (GovernedMotion::new([q.hold[0], q.hold[1]], [0.0; 2]), [0.0; 4]),
             (Goal::Leave, Some(d)) => {
-                // The drone keeps its place in the deck's frame, and moves out along the escape direction.
+                // The drone keeps its position in the deck's frame and moves out along the escape direction.
                 let time = step_s * k as f64;
                 let aside = |i: usize| q.start[i] - q.reference.deck.first().map_or(0.0, |d| d.position[i]);
                 let place = [0, 1].map(|i| d.position[i] + aside(i) + out[i] * time);
@@ -265,7 +261,7 @@ impl ReferenceGenerator {
                 )
             }
             (Goal::Touch, Some(d)) => {
-                // The target is a full pose, with the centre of the foot plane over the deck's centre.
+                // The target is a full pose, with the centre of the foot plane above the deck's centre.
                 let (n, w) = (d.normal(), angular_velocity(d));
                 let turn = w.cross(&n) * feet;
                 let (phi, theta) = tilt_of(&n, 0.0);
@@ -287,7 +283,7 @@ impl ReferenceGenerator {
             [q.start[state::V_NORTH], q.start[state::V_EAST]],
         );
         let follows = q.goal.follows_deck();
-        // A waypoint that moves ahead of the drone is approached, not followed.
+        // A waypoint that moves ahead of the drone is approached rather than followed.
         let jump_m = if round.is_some() { 0.0 } else { 0.5 };
         if q.goal == Goal::Leave {
             self.horizontal = ReferenceGovernor::default();
@@ -325,7 +321,7 @@ impl ReferenceGenerator {
         }
     }
 
-    /// References that climb from a near deck to the height `z`.
+    /// References that climb from a nearby deck to the height `z`.
     fn climb(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         self.vertical = ReferenceGovernor::default();
         let mut climb = Climb::new(q.start[state::DOWN], q.start[state::V_DOWN], &self.drone);
@@ -337,7 +333,7 @@ impl ReferenceGenerator {
 
     fn approach_height(&mut self, q: &Request<'_>, z: f64, problem: &mut Problem) {
         let s = self.config.shaping;
-        // The sink of a descent aborted over a rising deck is braked as hard as in a descent; the climb is
+        // When a descent is aborted over a rising deck, its sink rate is braked as hard as in a descent; the climb is
         // gentle.
         let sinks = matches!(q.goal, Goal::Hold | Goal::Leave)
             && q.start[state::V_DOWN] > 0.3
@@ -403,7 +399,6 @@ impl ReferenceGenerator {
                 d.position[1] - q.start[state::EAST],
             )
         });
-        // Heading and its rate at stage k.
         let target = |k: usize| match (q.goal, deck.get(k)) {
             (Goal::Hold | Goal::Leave, _) | (_, None) => (q.hold[3], 0.0),
             (Goal::Touch, Some(d)) => (d.euler[2], d.euler_rates[2]),
@@ -424,7 +419,7 @@ impl ReferenceGenerator {
             time_constant_s,
         };
         let (psi, rate) = target(0);
-        // Target heading closest to the plan's, so that the drone turns the short way.
+        // Target heading closest to the plan's, so that the drone takes the shorter rotation.
         let first = q.start[state::PSI] + wrap_angle(psi - q.start[state::PSI]);
         let start = GovernedMotion::new([q.start[state::PSI]], [q.start[state::PSI_DOT]]);
         self.yaw.update(
@@ -445,13 +440,12 @@ impl ReferenceGenerator {
     }
 }
 
-/// Goal of the trajectory in a mission state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
     Hold,
-    /// Climb, keeping the place over the deck.
+    /// Climb while keeping the position above the deck.
     Leave,
-    /// Stay over the deck at a height above its mean.
+    /// Stay above the deck at a height above its mean level.
     Above,
     /// Sink towards the deck, level.
     Sink,
@@ -468,11 +462,11 @@ impl Goal {
     }
 }
 
-/// Height over the deck against time: constant speed to contact, then an exponential decay below the deck's
+/// Height above the deck as a function of time: constant speed to contact, then an exponential decay below the deck's
 /// plane, which keeps pressure on the contact.
 #[derive(Clone, Copy, Debug)]
 struct Profile {
-    /// Present clearance; below contact, that of a descent that had not slowed down.
+    /// Current clearance; below contact, that of a descent without the decay.
     unslowed_m: f64,
     speed_mps: f64,
     press_m: f64,
@@ -503,8 +497,8 @@ impl Profile {
     }
 }
 
-/// Deck now and at each stage. Beyond the forecast the deck continues at constant velocity with its last
-/// attitude; empty if the forecast does not cover `now`.
+/// Deck now and at each stage. Beyond the forecast the deck continues at constant velocity with its last attitude.
+/// Empty if the forecast does not cover `now`.
 fn sample_deck(
     now: Time<DroneClock>,
     forecast: &DeckForecast,
@@ -552,7 +546,7 @@ mod tests {
             before = (c, v);
         }
         assert!(before.0 > -0.3 && before.0 < -0.29 && before.1 < 0.01);
-        // A profile that restarts below contact is the same.
+        // A profile that restarts below contact is unchanged.
         let later = Profile::new(p.at(2.4).0, 0.5, 0.3);
         assert!((later.at(0.3).0 - p.at(2.7).0).abs() < 1e-9);
         assert!(Profile::new(-5.0, 0.5, 0.0).at(1.0).0.is_finite());

@@ -49,7 +49,7 @@ fn condensed_solution_against_dense_optimum() {
 
 #[test]
 fn qp_solution_against_dense_optimum() {
-    // Half the slew and less tilt than the default, so that limits are often reached.
+    // Half of the default slew and less tilt, so that limits are often reached.
     let mut c = PlannerConfig::default();
     c.rotors.slew_per_s = 4.0;
     c.limits.tilt_deg = 10.0;
@@ -97,8 +97,7 @@ fn largest_difference(a: &[[f64; 4]], b: &[[f64; 4]]) -> f64 {
     pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-/// A volume's side turns and heaves with the deck, so the drone may be on the wrong side without having
-/// moved.
+/// The side of a volume rotates and heaves with the deck, so the drone may be on the wrong side without having moved.
 #[test]
 fn planner_on_the_wrong_side_of_a_volume() {
     let config = PlannerConfig::default();

@@ -1,4 +1,4 @@
-//! Start of a plan: the previous plan sampled now, or the measured state.
+//! Start of a plan: the current point of the previous plan, or the measured state.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::wrap_angle;
@@ -12,7 +12,6 @@ use super::law::LandingStart;
 use super::model::{INPUTS, ModelState, measured_state, state};
 use super::mpc_faa::{Mpc, Solution};
 
-/// Plan as returned by the solver.
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {
     pub at: Time<DroneClock>,
@@ -21,9 +20,8 @@ pub(super) struct SolvedPlan {
 }
 
 impl SolvedPlan {
-    /// State and input at `t`, exactly: whole stages from the solver's states, the remainder by the
-    /// discretised model. Before the plan it is the plan's start; after the end the drone continues level at
-    /// constant velocity.
+    /// Exact state and input at `t`: whole stages from the solver's states, the remainder from the discretised model.
+    /// Before the plan begins, its start; after its end the drone continues level at constant velocity.
     pub fn sample(&self, t: Time<DroneClock>, mpc: &Mpc) -> (ModelState, [f64; INPUTS]) {
         let step = mpc.step_s();
         let x = (t - self.at).secs().max(0.0) / step;
@@ -60,11 +58,10 @@ impl SolvedPlan {
 pub(super) struct PlanStart {
     pub state: ModelState,
     pub input: [f64; INPUTS],
-    /// Whether the plan starts from the measured state.
     pub measured: bool,
 }
 
-/// Start of the plan after `previous`, for a drone with this odometry in this wind (m/s²). With `landing`,
+/// Start of the plan that follows `previous`, for a drone with this odometry in this wind (m/s²). In a `landing`,
 /// `reset` limits its height above the drone and its sink rate, and it moves towards the drone's position.
 pub(super) fn start(
     now: Time<DroneClock>,
@@ -94,8 +91,8 @@ pub(super) fn start(
                 ..
             }) = landing
             {
-                // A drone below its plan would meet the deck sooner and faster than planned. A drone above it
-                // is driven down by the gap, so the plan is kept.
+                // A drone below its plan would meet the deck sooner and faster than planned. A drone above its plan is
+                // driven down by the gap, so the plan is kept.
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }
@@ -111,7 +108,7 @@ pub(super) fn start(
             };
         }
     }
-    // Limits are soft except the inputs', which hover satisfies.
+    // All limits are soft except those of the inputs, which hover satisfies.
     PlanStart {
         state: measured,
         input: [0.0; INPUTS],

@@ -1,13 +1,13 @@
-//! Start of a landing's plan: at a drone that is ahead of the plan, at the plan for a drone that is behind,
-//! and between both for a drone off to the side.
+//! Start of a landing's plan: at the drone if it is ahead of the plan, at the plan if it is behind, and in between if
+//! it is off to the side.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 use super::tests::approach::{ABOVE, Approach, MODERATE};
 use super::*;
 
-/// Offset of the next plan's start from the last plan, for a drone that is off its plan by `place` (m) and
-/// `faster` (m/s) on this axis after a descent of two seconds.
+/// Offset between the next plan's start and the last plan, after a descent of two seconds, for a drone that is off its
+/// plan by `place` (m) and `faster` (m/s) on this axis.
 fn begins(kind: PlannerKind, axis: usize, place: f64, faster: f64) -> [f64; 2] {
     let config = PlannerConfig {
         kind,
@@ -63,7 +63,7 @@ fn plan_start_with_a_drone_ahead_or_behind() {
 
 #[test]
 fn plan_start_with_a_drone_aside() {
-    // Plans at 50 Hz: each closes 1 - exp(-0.02 / 0.3) of the gap.
+    // Plans at 50 Hz each close 1 - exp(-0.02 / 0.3) of the gap.
     for axis in [0, 1] {
         let [place, velocity] = begins(PlannerKind::Alight, axis, 0.3, -0.6);
         assert!(

@@ -97,7 +97,6 @@ fn mpc_faa_with_both_published_horizons() {
     assert!(contact.tilt.to_degrees() < 2.0, "{contact:?}");
 }
 
-/// Planner and follower for tests that run them directly.
 struct Bench {
     planner: Planner,
     follower: PlanFollower,
@@ -116,7 +115,6 @@ impl Bench {
             around: Surroundings::default(),
         }
     }
-    /// Tick of an ideal follower.
     fn tick(&mut self, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         self.follower.follow();
         let (now, header) = (self.follower.now(), self.follower.header());
@@ -132,13 +130,11 @@ impl Bench {
         self.follower.end_tick(plan);
         plan
     }
-    /// Last plan of `count` ticks.
     fn ticks(&mut self, count: usize, mission: MissionState, sea: Option<&BenchSea>) -> Option<Plan> {
         (0..count).filter_map(|_| self.tick(mission, sea)).last()
     }
 }
 
-/// Mission above the deck or in a descent onto it.
 fn landing(state: Mode) -> MissionState {
     MissionState {
         state,
@@ -183,7 +179,7 @@ fn planner_to_a_far_target() {
     assert!((5.0..8.3).contains(&speed), "{speed}");
     assert!(tilt.to_degrees() < 30.0 && rate < 1.0, "{tilt} {rate}");
     assert!(overshoot.abs() < 0.05 && b.follower.drone.velocity().norm() < 0.05);
-    // The short way from 0 to 3 rad is through 1.5, and the turn completes.
+    // The short rotation from 0 to 3 rad is through 1.5, and it completes.
     assert!((wrap_angle(b.follower.drone.euler().z - 3.0)).abs() < 0.02);
     assert_eq!(b.planner.resets, 1);
 }
@@ -290,7 +286,7 @@ fn planner_escape_direction_and_sector() {
     };
     let r = aside(&b);
     assert!(r.x < -4.0 && r.y.abs() < 0.5, "astern: {r:?}");
-    // The way back over the deck leads round the bow.
+    // The path back above the deck leads round the bow.
     b.around.sector = [-0.5, 1.0];
     let mut came = None;
     for _ in 0..3000 {
@@ -307,7 +303,7 @@ fn planner_escape_direction_and_sector() {
 
 #[test]
 fn planner_minimum_altitude() {
-    // A drone ordered to land 6 m off the deck descends only to the minimum altitude.
+    // A drone ordered to land while 6 m off the deck descends only to the minimum altitude.
     let mut b = Bench::new([14.0, -8.0, -4.0]);
     let mut lowest = f64::MAX;
     let mission = MissionState {
@@ -347,7 +343,7 @@ fn planner_far_from_its_plan_or_at_an_origin_reset() {
         .expect("plans");
     assert!((plan.stages[0].position[0] - 2.0).abs() < 1e-9);
     assert_eq!(b.planner.resets, 2);
-    // The tracker has to close a gap of half a metre.
+    // The tracker must close a gap of half a metre.
     b.follower.plan = None;
     b.follower.drone.position[0] = plan.stages[1].position[0] + 0.5;
     b.tick(hold([0.0, 0.0, -10.0]), None);
@@ -509,7 +505,7 @@ proptest! {
                 prop_assert!(plan.check().is_ok());
                 prop_assert_eq!(plan.header.at, now);
                 prop_assert!(plan.stages.len() >= 20);
-                // Thrust stays within the rotors' limits.
+                // The thrust stays within the rotors' limits.
                 let up = GRAVITY * (drone_geometry.max_thrust_n / (drone_geometry.mass_kg * GRAVITY) - 1.0);
                 for s in plan.stages.iter() {
                     prop_assert!(s.acceleration[2] <= GRAVITY + 1e-6 && s.acceleration[2] >= -up - 1e-6);
@@ -522,8 +518,8 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
 
-    /// A drone that starts outside a volume next to a rocking deck has to follow the deck, land, leave, or
-    /// hold a place anywhere, even in the volume.
+    /// A drone that starts outside a volume next to a rocking deck must follow the deck, land, leave, or hold a
+    /// position anywhere, even inside the volume.
     #[test]
     fn planner_clear_of_volumes(
         low in prop::array::uniform2(-5.0..4.0_f64), size in prop::array::uniform3(0.2..3.0_f64),

@@ -11,7 +11,7 @@ use alight_shared::config::{Check, ConfigError, Keys};
 use super::model::{ModelState, STATES, state};
 
 config! {
-    /// Diagonal of Q far from the deck, by the paper's groups of states.
+    /// Diagonal of Q far from the deck, for the paper's groups of states.
     ///
     /// Defaults: Procházka 2024, Table 4, without the exponentials.
     #[derive(Copy)]
@@ -58,9 +58,9 @@ impl Weights {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExponentialWeight {
-    /// Addition at contact, in the weight's own unit.
+    /// Increment at contact, in the weight's own unit.
     pub gain: f64,
-    /// Decay with the clearance, 1/m.
+    /// Decay with clearance, 1/m.
     pub decay_per_m: f64,
 }
 
@@ -77,17 +77,17 @@ impl Check for ExponentialWeight {
     fn describe(at: &Keys<'_>, keys: &mut BTreeMap<String, String>) {
         keys.insert(
             at.key("gain"),
-            " Added at contact, in the weight's own unit.".into(),
+            " Increment at contact, in the weight's own unit.".into(),
         );
         keys.insert(at.key("decay_per_m"), " Decay with clearance, 1/m.".into());
     }
 }
 
-/// Clearance `d` on which the weights of a stage depend.
+/// Clearance `d` that determines the weights of a stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaaDistance {
-    /// Present clearance, for all stages (the paper).
+    /// Current clearance, for all stages (as in the paper).
     #[default]
     Current,
     /// Clearance of the reference at each stage.
@@ -100,7 +100,7 @@ config! {
     /// Defaults: Procházka 2024, Table 4.
     #[derive(Copy)]
     pub struct Faa {
-        /// Clearance on which the weights depend.
+        /// Clearance that determines the weights.
         pub distance: FaaDistance = FaaDistance::Current;
         /// Roll and pitch: the paper's `f(d) = 1 + alpha / e^(beta d)`.
         pub tilt: ExponentialWeight = ExponentialWeight {
@@ -121,7 +121,7 @@ config! {
 }
 
 impl Faa {
-    /// Diagonal of Q at the foot plane's clearance `d` above the deck, m; below the deck that at contact.
+    /// Diagonal of Q at the foot plane's clearance `d` above the deck, m; below the deck, that at contact.
     pub fn apply(&self, far: &ModelState, clearance_m: f64) -> ModelState {
         let d = clearance_m.max(0.0);
         let mut q = *far;
@@ -146,7 +146,7 @@ mod tests {
             far,
             [30.0, 30.0, 40.0, 1.0, 1.0, 50.0, 1.0, 1.0, 3000.0, 1.0, 1.0, 1.0]
         );
-        // The reference lists the attitude weight at these clearances: 3, 47, 339, 2490, 18395.
+        // The paper lists the attitude weight at these clearances: 3, 47, 339, 2490, 18395.
         for (d, expected) in [
             (1.0, 3.27),
             (0.7, 46.6),

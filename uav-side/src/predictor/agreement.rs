@@ -1,6 +1,6 @@
-//! Agreement of the deck's height by rangefinder and by camera, and of its position by camera and by radio. A
-//! disagreement reveals a fault: images with late time stamps show a heaving deck at a past height; the tags
-//! of a neighbouring deck have the right ids at the wrong position.
+//! Agreement between the deck's heights by rangefinder and by camera, and between its positions by camera and by radio.
+//! A disagreement reveals a fault: images with late time stamps show a heaving deck at a past height; the tags of a
+//! neighbouring deck have the right ids at the wrong position.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::time::{DroneClock, Time};
@@ -13,13 +13,13 @@ const MEMORY_S: f64 = 3.0;
 const READING_S: f64 = 0.2;
 /// Decay time of a contradiction, s: longer than a lull between two wave groups.
 const RELEASE_S: f64 = 30.0;
-/// Upper limit on one squared innovation, in variances: a gull below the drone is not a contradiction.
+/// Upper limit of one squared innovation, in variances: a gull below the drone is not a contradiction.
 const MAX_SQUARE: f64 = 100.0;
-/// Maximum distance between the positions by vision and by radio, in standard deviations of their slow
-/// errors. Rayleigh distributed: one valid landing in 3000 is rejected.
+/// Maximum distance between the positions by vision and by radio, in standard deviations of their slow errors. With a
+/// Rayleigh distribution one valid landing in 3000 is rejected.
 pub(super) const PLACE_SD: f64 = 4.0;
 
-/// Rangefinder height compared with the height known without it.
+/// Compares the rangefinder's height with the height known without it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct HeightAgreement {
     newest: Option<Averaged>,
@@ -47,8 +47,7 @@ impl HeightAgreement {
         let peak = mean.max(peak * (-dt / RELEASE_S).exp());
         self.newest = Some(Averaged { at, mean, peak });
     }
-    /// Recent maximum of the mean, 1 for errors as stated. None without readings or a remembered
-    /// contradiction.
+    /// Recent maximum of the mean; 1 if errors are as stated. None without readings or a remembered contradiction.
     pub(super) fn value(&self, now: Time<DroneClock>) -> Option<f64> {
         let n = self.newest?;
         let since = (now - n.at).secs().max(0.0);
@@ -57,9 +56,9 @@ impl HeightAgreement {
     }
 }
 
-/// Horizontal distance between the positions by vision and by radio, and its limit, m. `offset` is vision
-/// minus radio, north and east; `taken` is the part of it caused by jumps of the autopilot's estimate since
-/// the first detection; `more` is an additional variance, m².
+/// Horizontal distance between the positions by vision and by radio, and its limit, m. `offset` is vision minus radio,
+/// north and east; `taken` is the part of it caused by jumps of the autopilot's estimate since the first detection;
+/// `more` is an additional variance, m².
 pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f64; 2]) -> [f64; 2] {
     let [north, east] = [0, 1].map(|i| offset[i] - taken[i]);
     let spread = noise
@@ -95,7 +94,7 @@ mod tests {
         assert!(gull < 9.0, "{gull}");
         let late = after(6.0, |t| 6.0 * (1.3 * t).sin()).value(at).unwrap();
         assert!(late > 12.0, "{late}");
-        // The first reading after a gap is not a contradiction; a lasting contradiction is found.
+        // The first reading after a gap is not a contradiction; a lasting contradiction is detected.
         let mut station = after(6.0, |_| 1.0);
         station.take(Time::from_secs(60.0), 40.0);
         let spot = station.value(Time::from_secs(60.0)).unwrap();

@@ -1,17 +1,17 @@
 //! Kalman filter of one degree of freedom of the deck.
 //!
-//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of
-//! vision, (value, rate) per oscillator]`. The deck's position or angle is `mean + sum of values`. The radio
-//! measures it with the radio's slow error (errors of the vessel's GNSS and compass), vision with vision's
-//! slow error (drone's GNSS error, camera mount). Both errors are first-order Gauss-Markov processes, as is
-//! the drift, the velocity error of the odometry, which integrates into vision's slow error. The rotation
-//! (camera mount, attitude) shifts distant detections north and east and becomes observable during the
-//! descent. The oscillators are Fossen's wave filter (2011, section 8.2.6), discretised exactly.
+//! State: `[mean, mean rate, slow error of the radio, slow error of vision, drift of vision, rotation of vision,
+//! (value, rate) per oscillator]`. The deck's position or angle is `mean + sum of values`. The radio measures it with
+//! the radio's slow error (vessel GNSS and compass), vision with vision's slow error (drone GNSS, camera mount). Both
+//! errors are first-order Gauss-Markov processes, and so is the drift, the velocity error of the odometry, which
+//! integrates into vision's slow error. The rotation (camera mount, attitude) shifts distant detections north and east
+//! and becomes observable during the descent. The oscillators are Fossen's wave filter (2011, section 8.2.6),
+//! discretised exactly.
 //!
-//! The degrees of freedom are chosen to be decoupled: the position of the deck's centre (not of the vessel's
-//! reference point) in NED, with its height for a level vessel (see `lever_arm_heave`), and the tilt for a
-//! vessel that heads north by its own compass, so that a turn does not affect the waves. Six filters of at
-//! most 18 states cost a tenth of a joint filter.
+//! The degrees of freedom are chosen to be decoupled. They are the position of the deck's centre (not of the vessel's
+//! reference point) in NED, with the height that it has on a level vessel (see `lever_arm_heave`), and the tilt of a
+//! vessel that heads north by its own compass, so that a turn does not affect the waves. Six filters of at most 18
+//! states cost a tenth of a joint filter.
 
 use alight_shared::estimation::reduce_covariance;
 
@@ -24,19 +24,16 @@ pub const HEAD: usize = 6;
 pub const MEAN: usize = 0;
 /// Mean rate, m/s, rad/s.
 pub const RATE: usize = 1;
-/// Slow error of the radio.
 pub const RADIO: usize = 2;
-/// Slow error of vision.
 pub const VISION: usize = 3;
 /// Drift of vision: velocity error of the odometry.
 pub const DRIFT: usize = 4;
-/// Rotation of vision, rad. Times the distance along the line of sight, it is the shift of a detection.
+/// Rotation of vision, rad. Multiplied by the distance along the line of sight, it gives the shift of a detection.
 pub const TURN: usize = 5;
-/// Maximum number of states.
 pub const MAX_STATES: usize = HEAD + 2 * MAX_OSCILLATORS;
 
-/// Reading of the vessel's compass minus that of the drone's, rad. Tilt refers to a vessel that heads north
-/// by its own compass, because its modes and estimates are the best information on tilt.
+/// Reading of the vessel's compass minus that of the drone's, rad. Tilt refers to a vessel that heads north by its own
+/// compass, because its modes and estimates are the best information about tilt.
 pub fn compass(heading: &[f64; MAX_STATES]) -> f64 {
     heading[RADIO] - heading[VISION]
 }
@@ -49,8 +46,7 @@ pub enum MeasurementRow {
     Radio,
     /// Position in the drone's frame: level plus vision's slow error.
     Vision,
-    /// Camera measurement: level plus vision's slow error and rotation. The value is the rotation's lever
-    /// arm, m.
+    /// Camera measurement: level plus vision's slow error and rotation. The value is the lever arm of the rotation, m.
     Camera(f64),
     /// Vision's slow error minus the radio's.
     Offset,
@@ -60,16 +56,15 @@ pub enum MeasurementRow {
     Rate,
     /// Residual of the modes: sum of the oscillators.
     Residual,
-    /// Rate of the residual.
     ResidualRate,
 }
 
-/// Innovation `z - h(x)` of one scalar.
+/// Scalar innovation `z - h(x)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation {
     /// Row of the measurement matrix `dh/dx`.
     pub row: MeasurementRow,
-    /// Measured minus predicted, m or rad, or their rates.
+    /// Measured minus predicted value, m or rad, or its rate.
     pub value: f64,
     pub variance: f64,
 }
@@ -91,16 +86,13 @@ fn entries(row: MeasurementRow, n: usize) -> impl Iterator<Item = (usize, f64)> 
     head.into_iter().filter(|(_, h)| *h != 0.0).chain(waves)
 }
 
-/// Wave-independent noise parameters of one degree of freedom.
+/// Wave-independent noise parameters of one degree of freedom. A pair is the standard deviation and the correlation
+/// time (s) of an error.
 #[derive(Clone, Copy, Debug)]
 pub struct AxisNoise {
-    /// Spread and correlation time of the radio's slow error.
     pub radio: (f64, f64),
-    /// Spread and correlation time of vision's slow error.
     pub vision: (f64, f64),
-    /// Spread and correlation time of vision's drift.
     pub drift: (f64, f64),
-    /// Spread and correlation time of vision's rotation.
     pub turn: (f64, f64),
     /// Variance per second of the mean's random walk.
     pub mean_walk: f64,
@@ -119,7 +111,7 @@ impl AxisNoise {
         core::array::from_fn(|i| AxisNoise {
             radio: (c.radio_bias_sd_m_rad[i], c.radio_bias_time_s[i]),
             vision: (c.vision_bias_sd_m_rad[i], c.vision_bias_time_s[i]),
-            // Angles do not drift: the camera turns with the drone, whose attitude is measured.
+            // Angles do not drift, because the camera rotates with the drone, whose attitude is measured.
             drift: (if i < 3 { c.odometry_drift_mps } else { 0.0 }, c.odometry_drift_s),
             turn: match i {
                 0 | 1 => (c.vision_bias_sd_m_rad[4 - i], c.vision_bias_time_s[4 - i]),
@@ -139,11 +131,10 @@ impl AxisNoise {
 pub struct OscillatorStep {
     pub dt: f64,
     pub count: usize,
-    /// Transitions by degree of freedom.
     transitions: [OscillatorTransition; AXES],
 }
 
-/// In blocks by oscillator.
+/// One block per oscillator.
 #[derive(Clone, Copy, Debug)]
 pub struct OscillatorTransition {
     /// Row-major 2 x 2 blocks.
@@ -153,8 +144,8 @@ pub struct OscillatorTransition {
 }
 
 impl OscillatorStep {
-    /// Closed form of `exp(F dt)` of each damped oscillator, and the noise that keeps its covariance `diag(1,
-    /// omega²) sd²`.
+    /// Closed form of `exp(F dt)` of each damped oscillator, and the noise that keeps its covariance `diag(1, omega²)
+    /// sd²`.
     pub fn new(oscillators: &[Oscillator], dt: f64) -> Self {
         OscillatorStep {
             dt,
@@ -192,7 +183,6 @@ impl OscillatorTransition {
     }
 }
 
-/// Mean and covariance of one degree of freedom.
 #[derive(Clone, Copy, Debug)]
 pub struct Axis {
     /// Number of states in use.
@@ -202,8 +192,8 @@ pub struct Axis {
 }
 
 impl Axis {
-    /// Starts at this level with standard deviation `sd`, at a rate of zero with `rate_sd`, and with the
-    /// stationary spread of waves and errors.
+    /// Starts at this level with standard deviation `sd`, at a rate of zero with `rate_sd`, and with the stationary
+    /// covariance of waves and errors.
     pub fn new(
         noise: &AxisNoise,
         oscillators: &[Oscillator],
@@ -230,7 +220,7 @@ impl Axis {
         a
     }
 
-    /// Appends an oscillator at rest with its stationary spread.
+    /// Appends an oscillator at rest with its stationary covariance.
     pub fn append(&mut self, o: &Oscillator, axis: usize) {
         if self.n + 2 > MAX_STATES {
             return;
@@ -249,7 +239,7 @@ impl Axis {
         self.p[i][i] = var;
         self.p[i + 1][i + 1] = var * o.omega * o.omega;
     }
-    /// Replaces modes and residual oscillator by these oscillators.
+    /// Replaces the modes and the residual oscillator by these oscillators.
     pub fn hold(&mut self, oscillators: &[Oscillator], axis: usize, held: &HandOver) {
         let left = [self.x[HEAD], self.x[HEAD + 1]];
         self.n = HEAD;
@@ -346,7 +336,7 @@ impl Axis {
     /// Predicted variance of `row`; sets `ph` to `P h'`.
     fn predict_variance(&self, row: MeasurementRow, ph: &mut [f64; MAX_STATES]) -> f64 {
         let n = self.n;
-        // P is symmetric: its rows are read as columns.
+        // P is symmetric, so its rows are read as columns.
         for (i, h) in entries(row, n) {
             for (a, b) in ph.iter_mut().zip(&self.p[i]).take(n) {
                 *a += h * b;
@@ -386,7 +376,7 @@ impl Axis {
         reduce_covariance(self.p.iter_mut().map(|row| &mut row[..]), &ph[..self.n], s);
     }
 
-    /// Resets state `k` to zero with spread `sd`, uncorrelated with the others.
+    /// Resets state `k` to zero with standard deviation `sd`, uncorrelated with the others.
     pub fn forget(&mut self, k: usize, sd: f64) {
         for j in 0..self.n {
             (self.p[k][j], self.p[j][k]) = (0.0, 0.0);
@@ -404,21 +394,17 @@ impl Axis {
     }
 }
 
+/// Transition of the states before the oscillators over one step: decay factors and gains.
 #[derive(Clone, Copy, Debug)]
 pub struct Head {
     /// Gain from the mean rate to the mean, s.
     pub reach: f64,
-    /// Decay of the mean rate.
     pub rate: f64,
-    /// Decay of the radio's slow error.
     pub radio: f64,
-    /// Decay of vision's slow error.
     pub vision: f64,
     /// Gain from the drift to vision's slow error, s.
     pub wander: f64,
-    /// Decay of the drift.
     pub drift: f64,
-    /// Decay of vision's rotation.
     pub turn: f64,
 }
 
@@ -466,10 +452,9 @@ impl Head {
             v[i + 1] = a[2] * value + a[3] * rate;
         }
     }
-    /// Process noise over `dt`. The random walk of the rate ignores the decay over `dt`, which is
-    /// conservative. The drift and its effect on vision's slow error are exact: with their decays `a` and `b`
-    /// a pulse of drift has added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`; the (co)variances are the
-    /// integrals of `g²` and `g e^-bs`.
+    /// Process noise over `dt`. The random walk of the rate ignores the decay over `dt`, which is conservative. The
+    /// drift and its effect on vision's slow error are exact: with their decay rates `a` and `b`, a pulse of drift has
+    /// added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`; the (co)variances are the integrals of `g²` and `g e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
         let (sd, left) = (n.drift.0, self.drift);
         let (a, b, apart) = decays(n);

@@ -1,5 +1,5 @@
-//! Position of the vessel from its beacon or its last known position. Each horizontal axis has a Kalman
-//! filter of position and velocity. The camera measures the beacon's slow error once it detects the deck.
+//! Position of the vessel from its beacon or its last known position. Each horizontal axis has a Kalman filter of
+//! position and velocity. Once the camera detects the deck, it measures the beacon's slow error.
 //!
 //! ```text
 //! x = (q, v),  q' = v,  v' = w          the beacon's position and velocity
@@ -20,35 +20,32 @@ use super::agreement::PLACE_SD;
 use super::observation::DeckObservation;
 use super::track::FrameJump;
 
-/// Correlation time of a receiver's slow error, s; as for the vessel's receiver.
+/// Correlation time of a receiver's slow error, s, as for the vessel's receiver.
 const BIAS_TIME_S: f64 = 300.0;
 /// Fraction of a beacon's stated error that is white between messages.
 const WHITE: f64 = 1.0 / 3.0;
-/// Random walk of a vessel's velocity after 1 s: of a vessel at rest, m/s, and as a fraction of the speed.
+/// Random walk of a vessel's velocity after 1 s: for a vessel at rest, m/s, and as a fraction of the speed.
 const VELOCITY_WALK_MPS: f64 = 0.02;
 const SPEED_WALK: f64 = 0.1;
 /// Error of the drone's own receiver per axis, m.
 const OWN_SD_M: f64 = 1.0;
-/// Difference between mean sea level and the water level, m: tides, geoid, the receiver's height. Half of the
-/// mission's limit for heights against the sea.
+/// Difference between mean sea level and the water level, m: tides, geoid, and the receiver's height. It is half of the
+/// mission's limit for heights relative to the sea.
 const SEA_SD_M: f64 = 4.0;
 /// Tilt (rad) and heave rate (m/s) of an undetected deck: an unknown boat in a moderate sea.
 const TILT_SD_RAD: f64 = 0.15;
 const HEAVE_SD_MPS: f64 = 0.5;
-/// Silence after which another beacon of equal or better accuracy takes over, s: three messages of slow
-/// beacons.
+/// Silence after which another beacon of equal or better accuracy takes over, s: three messages of slow beacons.
 const REPLACED_AFTER_S: f64 = 3.0;
-/// Maximum error of a beacon that replaces an active one, as a fraction of the active one's error: half the
-/// variance. A change discards velocity and offset of the track, so two beacons of similar accuracy must not
-/// alternate.
+/// Maximum error of a beacon that replaces an active one, as a fraction of the active one's error: half the variance. A
+/// change discards velocity and offset of the track, so two beacons of similar accuracy must not alternate.
 const MORE_EXACT: f64 = 0.7;
-/// Time after the last message or detection for which its velocity is extrapolated, s. Later even a vessel at
+/// Time after the last message or detection for which its velocity is extrapolated, s. After that, even a vessel at
 /// rest may be outside the range of a search.
 const LAST_KNOWN_S: f64 = 300.0;
 /// Minimum speed at which the course is used as heading, m/s.
 const COURSE_MPS: f64 = 0.5;
 
-/// One horizontal axis: position and velocity, with covariance.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     x: Vector2<f64>,
@@ -82,12 +79,10 @@ impl Axis {
     }
 }
 
-/// White-noise variances of position and velocity.
 fn noise(m: &DeckBeacon) -> Vector2<f64> {
     Vector2::new((WHITE * m.place_sd_m).powi(2), m.velocity_sd_mps.powi(2))
 }
 
-/// Present estimate from the beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconEstimate {
     /// Centre of the deck, north and east in the drone's NED, m.
@@ -100,11 +95,9 @@ pub(super) struct BeaconEstimate {
     pub(super) age_s: f64,
 }
 
-/// Track of the selected beacon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct BeaconTrack {
-    /// Origin of the local frame: the first message's position, so that jumps of the drone's frame have no
-    /// effect.
+    /// Origin of the local frame: the first message's position, so that jumps of the drone's frame have no effect.
     origin: Datum,
     newest: DeckBeacon,
     axes: [Axis; 2],
@@ -120,8 +113,8 @@ pub(super) struct Level {
 }
 
 impl BeaconTrack {
-    /// Track that starts from radio and camera: `place` of the deck in the drone's NED, and mean `velocity`.
-    /// None for a vessel that is too fast or too far away for a beacon message.
+    /// Track that starts from radio and camera: `place` of the deck in the drone's NED, and mean `velocity`. None for a
+    /// vessel that is too fast or too far away for a beacon message.
     pub(super) fn of_vessel(
         now: Time<DroneClock>,
         drone: &DroneState,
@@ -168,15 +161,13 @@ impl BeaconTrack {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
-    /// Standard deviation of a message's position at `t`, m: as stated, plus possible changes of velocity
-    /// since.
+    /// Standard deviation of a message's position at `t`, m: as stated, plus possible velocity changes since.
     fn message_sd_m(m: &DeckBeacon, t: Time<DroneClock>) -> f64 {
         let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
         (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
     }
-    /// Adds a checked message. A message from another source replaces the track if the current track has
-    /// ended, is clearly less accurate, or is silent and not more accurate. Returns whether the message is
-    /// used.
+    /// Adds a checked message. A message from another source replaces the track if the current track has ended, is
+    /// clearly less accurate, or is silent and not more accurate. Returns whether the message is used.
     pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
         let known = track.filter(|t| t.lasts(now));
@@ -219,7 +210,7 @@ impl BeaconTrack {
             *offset += jump.moved.xy() - jump.datum.xy();
         }
     }
-    /// Position by the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
+    /// Position from the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
     fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
         let origin = Datum {
             height_m: 0.0,
@@ -230,7 +221,7 @@ impl BeaconTrack {
         let place = begins.0.xy() + Vector2::from(local) + drone.datum_offset().xy();
         (place.norm() < MAX_POSITION_M).then_some(place)
     }
-    /// Present estimate; None once the track has ended.
+    /// Current estimate; None once the track has ended.
     pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<BeaconEstimate> {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
@@ -252,7 +243,7 @@ impl BeaconTrack {
 }
 
 impl BeaconEstimate {
-    /// Distance of `o` from the beacon's position, and its limit, m.
+    /// Distance between `o` and the beacon's position, and its limit, m.
     pub(super) fn apart(&self, o: &DeckObservation) -> Option<[f64; 2]> {
         let [Some((north, _)), Some((east, _)), ..] = o.value else {
             return None;
@@ -318,7 +309,7 @@ mod tests {
             ..DroneState::default()
         }
     }
-    /// Vessel that moves north at 2 m/s, with a message per second until `until_s`.
+    /// Track of a vessel that moves north at 2 m/s, with one message per second until `until_s`.
     fn followed(until_s: u32) -> Option<BeaconTrack> {
         let mut track = None;
         for k in 0..=until_s {
@@ -342,13 +333,12 @@ mod tests {
             "{known:?}"
         );
         assert!(track.known(Time::from_secs(30.5), &drone()).is_none());
-        // The uncertainty grows during silence.
         let later = track.known(Time::from_secs(29.0), &drone()).unwrap();
         assert!(later.sd_m > known.sd_m + 0.5, "{later:?}");
     }
 
-    /// At the end of reception the vessel is known to 0.3 m and 0.1 m/s. Its position then becomes as
-    /// uncertain as that of a sortie's beacon.
+    /// When reception ends, the vessel is known to 0.3 m and 0.1 m/s. Its position then becomes as uncertain as that of
+    /// a sortie's beacon.
     #[test]
     fn vessel_known_last() {
         let level = |value, sd| Level { value, sd };
@@ -376,7 +366,6 @@ mod tests {
         }
         assert!(at(0.0, LAST_KNOWN_S + 1.0).is_none());
         assert!(of(f64::NAN).is_none() && of(50.0).is_none());
-        // The drone's frame and the position move together.
         let jumped = DroneState {
             datum_offset: [7.0, 0.0, 0.0],
             ..drone()
@@ -411,8 +400,7 @@ mod tests {
         let phone = message(BeaconSource::FollowTarget, 32.0, 500.0, 50.0);
         assert!(BeaconTrack::receive(&mut track, late, &phone));
         assert!((track.unwrap().known(late, &drone()).unwrap().place.x - 500.0).abs() < 0.1);
-        // Of two beacons with similar accuracy the active one stays. A clearly more accurate one replaces it
-        // at once.
+        // Of two beacons with similar accuracy the active one is kept. A clearly more accurate one replaces it at once.
         let mut track = followed(20);
         for (place_sd_m, at_s, counts) in [(5.0, 20.5, false), (4.9, 21.0, false), (3.0, 21.5, true)] {
             let m = message(BeaconSource::FollowTarget, at_s, 40.0, place_sd_m);
@@ -422,7 +410,7 @@ mod tests {
         let (mut track, now) = (followed(20), Time::from_secs(23.5));
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
-        // The error of an old message exceeds its stated one.
+        // The error of an old message exceeds its stated error.
         let now = Time::from_secs(200.0);
         for (at_s, counts) in [(20.0, false), (200.0, true)] {
             let mut track = None;

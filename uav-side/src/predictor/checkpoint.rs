@@ -1,6 +1,6 @@
-//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. The camera
-//! cannot detect the deck in the last half metre; without a checkpoint a predictor that restarts there would
-//! know the deck's position only to the error of two GNSS receivers.
+//! Checkpoint of the predictor: the offset between the deck's positions by camera and by radio. The camera cannot
+//! detect the deck in the last half metre. A predictor that restarts there without a checkpoint would know the deck's
+//! position only to the error of two GNSS receivers.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
@@ -47,7 +47,7 @@ fn same_frame(drone: &DroneState, given: &PredictorCheckpoint) -> bool {
     (moved - mean * dt).norm() <= JUMP_M
 }
 
-/// Variance of an offset after `age` (s): slow errors change, the odometry's drift is constant at worst.
+/// Variance of an offset after `age` (s): slow errors change; the odometry's drift is constant in the worst case.
 fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
     let walk = |(sd, time): (f64, f64)| 2.0 * sd * sd * age / time;
     variance + walk(noise.radio) + walk(noise.vision) + (noise.drift.0 * age).powi(2)

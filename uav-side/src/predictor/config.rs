@@ -1,5 +1,3 @@
-//! Parameters of the predictor.
-
 use alight_shared::config;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
@@ -10,8 +8,8 @@ fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
 }
 
 config! {
-    /// The predictor's model of deck, drone, sensors and sea. Lists of six: north, east, down (m), deck
-    /// normal about north, about east (rad), heading (rad).
+    /// Predictor's model of deck, drone, sensors and sea. Lists of six: north, east, down (m), deck normal about north,
+    /// about east (rad), heading (rad).
     pub struct PredictorConfig {
         /// Forecasts per second.
         /// Source: `topics::FORECAST`.
@@ -28,18 +26,18 @@ config! {
         /// Use beacons; set from the mission.
         #[serde(skip)]
         pub beacons: bool = false;
-        /// Spread of the radio's slow error.
+        /// Standard deviation of the radio's slow error.
         /// Source: GNSS of the vessel: 1 m; tilt: trim of its inertial unit; compass: 1 deg.
         pub radio_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [0.3, 0.3, 1.5]), in 0.0..=100.0;
         /// Correlation time of the radio's slow error, s.
         pub radio_bias_time_s: [f64; 6] = [300.0, 300.0, 300.0, 60.0, 60.0, 100.0], in 0.1..=1e6;
-        /// Spread of vision's slow error.
+        /// Standard deviation of vision's slow error.
         /// Source: GNSS of the drone: 1 m; camera mount and the drone's attitude: 1 deg.
         pub vision_bias_sd_m_rad: [f64; 6] = six([1.0, 1.0, 1.0], [1.2, 1.2, 1.5]), in 0.0..=100.0;
         /// Correlation time of vision's slow error, s.
         /// Source: the frame of the smooth odometry moves only by its drift.
         pub vision_bias_time_s: [f64; 6] = [1e6, 1e6, 1e6, 200.0, 200.0, 100.0], in 0.1..=1e6;
-        /// Spread of the odometry's velocity error per axis, m/s.
+        /// Standard deviation of the odometry's velocity error per axis, m/s.
         /// Source: measured on the smooth odometry in landings.
         pub odometry_drift_mps: f64 = 0.07, in 0.0..=5.0;
         /// Correlation time of that drift, s.
@@ -56,13 +54,13 @@ config! {
         pub turn_walk_s: f64 = 0.6, in 0.0..=10.0;
         /// Decay time of the mean rate, s.
         pub rate_time_s: [f64; 6] = [100.0, 100.0, 1.0, 1.0, 1.0, 5.0], in 0.1..=1e6;
-        /// Minimum spread of the motion outside the vessel's modes.
+        /// Minimum standard deviation of the motion outside the vessel's modes.
         pub residual_sd_m_rad: [f64; 6] = six([0.005, 0.005, 0.012], [0.35, 0.35, 0.2]), in 0.0..=1.0;
         /// Angular frequency of the residual motion until it is known, rad/s.
         pub residual_omega_radps: f64 = 3.0, in 0.5..=20.0;
         /// Damping ratio of the residual motion.
         pub residual_damping: f64 = 0.1, in 0.05..=0.95;
-        /// Damping ratio of the residual motion in heave, tilt and heading with fresh modes: a prediction
+        /// Damping ratio of the residual motion in heave, tilt and heading while the modes are fresh: a prediction
         /// error fades within a quarter of a wave.
         pub residual_fresh_damping: f64 = 0.9, in 0.05..=0.95;
         /// Angular frequencies of the default oscillators, used until the vessel sends a wave model, rad/s.
@@ -70,22 +68,21 @@ config! {
         pub bank_omega_radps: Vec<f64> = vec![0.8, 1.06, 1.41, 1.88, 2.5], in 0.1..=10.0;
         /// Damping ratio of the default oscillators.
         pub bank_damping: f64 = 0.1, in 1e-3..=0.95;
-        /// Spread of each default oscillator.
+        /// Standard deviation of each default oscillator.
         pub bank_sd_m_rad: [f64; 6] = six([0.15, 0.15, 0.15], [2.0, 2.0, 0.5]), in 0.0..=10.0;
-        /// Fraction of the vessel's stated variance that all its estimates have in common and that does not
-        /// average out.
+        /// Fraction of the vessel's stated variance that all its estimates have in common and that does not average
+        /// out.
         pub radio_floor: f64 = 0.5, in 0.0..=10.0;
         /// Minimum standard deviation of a tag's position, m.
         /// Chosen: the error at close range; at long range the detector's own variance dominates.
         pub tag_min_sd_m: f64 = 0.003, in 1e-4..=1.0;
         /// Minimum standard deviation of a tag's attitude, rad.
         pub tag_min_sd_rad: f64 = f64::to_radians(0.6), in 1e-4..=1.0;
-        /// Fraction of the drone's stated position variance that counts as vision noise. The rest cancels,
-        /// because it is also in the drone's present position.
+        /// Fraction of the drone's stated position variance that counts as vision noise. The rest cancels, because the
+        /// drone's current position contains it as well.
         /// Chosen: tuned at Moderate.
         pub drone_variance_fraction: f64 = 0.0, in 0.0..=1.0;
-        /// Error of vision as a fraction of the distance, the same in all detections, without the mount's
-        /// error.
+        /// Error of vision as a fraction of the distance, constant over all detections, excluding the mount's error.
         /// Chosen: a tag of 71 px at 7 m appears 11 cm too near.
         pub vision_scale_sd: f64 = 0.012, in 0.0..=0.5;
         /// Position error of the camera's mount, m.
@@ -101,9 +98,9 @@ config! {
         /// Number of standard deviations beyond which innovations are rejected.
         pub gate_sd: f64 = 5.0, in 2.0..=20.0;
         /// Use the vessel's wave model.
-        /// Source: always on; off only for comparisons.
+        /// Source: switched off only for comparisons.
         pub use_wave_model: bool = true;
-        /// Age of the newest tag detection from which the vessel's estimates are used, s; 0: always.
+        /// Maximum age of the newest tag detection with which the vessel's estimates are used, s; 0: always.
         pub radio_after_vision_s: f64 = 0.0, in 0.0..=60.0;
         /// Time for which radio and vision count as fresh, s.
         pub fresh_s: f64 = 1.0, in 0.1..=10.0;

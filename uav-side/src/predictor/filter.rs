@@ -22,13 +22,13 @@ use super::waves::{AXES, TILT, Waves};
 const MAX_ENTRIES: usize = 96;
 /// Maximum age of an observation relative to the newest one, s.
 const MAX_LATE_S: f64 = 1.0;
-/// Consecutive rejections after which vision or radio is accepted again.
+/// Number of consecutive rejections after which vision or radio is accepted again.
 const MAX_CONSECUTIVE_REJECTIONS: u32 = 12;
-/// Maximum lateral acceleration in a turn, m/s²; above that of any supported vessel.
+/// Maximum lateral acceleration in a turn, m/s²; exceeds that of any supported vessel.
 const MAX_TURN_MPS2: f64 = 2.0;
-/// Maximum speed, m/s; above that of any supported vessel.
+/// Maximum speed, m/s; exceeds that of any supported vessel.
 const MAX_SPEED_MPS: f64 = 10.0;
-/// Maximum turn in one valid step, rad.
+/// Maximum heading change in one valid step, rad.
 const MAX_BEND_RAD: f64 = 1.0;
 
 /// Degrees of freedom that are rejected as a group.
@@ -37,9 +37,9 @@ const GROUPS: [&[usize]; 3] = [&[0, 1, 2], &TILT, &[5]];
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fused {
     All,
-    /// Partly or not fused: number of rejected groups of degrees of freedom.
+    /// Not fused, or only in part: number of rejected groups of degrees of freedom.
     Rejected(u32),
-    /// Older than the history.
+    /// The observation is older than the history.
     Late,
     /// An observation with this time and source has already been fused.
     Duplicate,
@@ -54,7 +54,6 @@ struct Entry {
     after: Box<FilterState>,
 }
 
-/// The filters and their recent history.
 #[derive(Clone, Debug)]
 pub struct Filter {
     noise: [AxisNoise; AXES],
@@ -66,12 +65,11 @@ pub struct Filter {
     /// Indexed by [`ObservationKind`].
     sources: [AidSource<DroneClock>; ObservationKind::COUNT],
     radio_available: bool,
-    /// Degrees of freedom measured at least once by the camera or the rangefinder.
+    /// Degrees of freedom that the camera or the rangefinder has measured at least once.
     observed: [bool; AXES],
-    /// Whether the newest position in the drone's frame is a relative position of the moving base.
+    /// Whether the newest position in the drone's frame is a relative position from the moving base.
     by_relative: bool,
-    /// Sum of the jumps of the autopilot's estimate that changed vision's slow error minus the radio's, north
-    /// and east, m.
+    /// Sum of the autopilot's estimate jumps that changed vision's slow error minus the radio's, north and east, m.
     taken: [f64; 2],
     started: Time<DroneClock>,
 }
@@ -114,7 +112,7 @@ impl Filter {
         f
     }
 
-    /// Initialises the camera's rotation of a new filter from another one.
+    /// Initialises the camera's rotation of a new filter from another filter.
     pub fn adopt_mount(&mut self, known: &FilterState) {
         let Some(first) = self.entries.front_mut().filter(|e| e.observation.is_none()) else {
             return;
@@ -153,9 +151,9 @@ impl Filter {
     pub fn set_radio_available(&mut self, radio_available: bool) {
         self.radio_available = radio_available;
     }
-    /// Noise parameters in state `s`. Under way, the helmsman and the waves change the mean velocity; in a
-    /// turn, the hull also slips sideways and slows down. Without the radio a constant course is assumed,
-    /// because vision cannot distinguish a change of the mean velocity from waves.
+    /// Noise parameters in state `s`. Under way, the helmsman and the waves change the mean velocity; in a turn, the
+    /// hull also slips sideways and slows down. Without the radio a constant course is assumed, because vision cannot
+    /// distinguish a change of the mean velocity from waves.
     pub fn noise(&self, s: &FilterState) -> [AxisNoise; AXES] {
         let mut noise = self.noise;
         if let Some(t) = turning(s).filter(|_| self.radio_available) {
@@ -173,8 +171,8 @@ impl Filter {
             .is_some_and(|e| e.after.iter().all(Axis::is_finite))
     }
 
-    /// Propagates a state from the newest modes at `from` to the newest modes at `to`. The difference between
-    /// two messages' modes is no motion of the deck, so it is moved into the residual.
+    /// Propagates a state from the newest modes at `from` to the newest modes at `to`. The difference between the modes
+    /// of two messages is not a motion of the deck, so it is moved into the residual.
     fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
         let dt = to - from;
         if dt <= Span::ZERO {
@@ -190,7 +188,7 @@ impl Filter {
         if let Some(change) = waves.change(from, to) {
             for (i, a) in s.iter_mut().enumerate() {
                 let course = i < 2;
-                // The integration constant of the velocity is arbitrary; it is not wave motion.
+                // The integration constant of the velocity is arbitrary and is not wave motion.
                 a.x[if course { MEAN } else { HEAD }] += change.value[i];
                 a.x[HEAD + 1] += change.rate[i];
                 // Pseudo-measurement: the newer modes leave the residual that the vessel states.
@@ -204,7 +202,7 @@ impl Filter {
             }
         }
     }
-    /// Drops all states except the newest; they were computed with other oscillators.
+    /// Drops all states except the newest, because they were computed with other oscillators.
     fn keep_newest(&mut self) -> Option<&mut Entry> {
         let newest = self.entries.len().saturating_sub(1);
         self.spare.extend(self.entries.drain(..newest).map(|e| e.after));
@@ -212,7 +210,7 @@ impl Filter {
         e.observation = None;
         Some(e)
     }
-    /// Fuses the predecessor's difference of vision's and the radio's slow errors, with its present variance.
+    /// Fuses the predecessor's difference between vision's and the radio's slow errors, with its current variance.
     pub fn resume(&mut self, m: &PredictorCheckpoint, variance: &[f64; AXES]) {
         self.observed = [true; AXES];
         self.sources[ObservationKind::Tag as usize].fused_at = m.tag_at;
@@ -222,8 +220,8 @@ impl Filter {
             a.update(MeasurementRow::Offset, m.offset[i], variance[i]);
         }
     }
-    /// Discards a wrong position in the drone's frame: adds `apart_m` to the uncertainty of each axis, and
-    /// resets the camera's rotation, which may have absorbed part of the error.
+    /// Discards a wrong position in the drone's frame: adds `apart_m` to the uncertainty of each axis, and resets the
+    /// camera's rotation, which may have absorbed part of the error.
     pub fn give_up_place(&mut self, apart_m: f64) {
         let noise = self.noise;
         self.by_relative = false;
@@ -233,20 +231,18 @@ impl Filter {
             a.forget(TURN, n.turn.0);
         }
     }
-    /// Replaces the default oscillators by the vessel's identified modes; motion is divided into modes and
-    /// residual.
+    /// Replaces the default oscillators by the vessel's identified modes; the motion is split into modes and residual.
     pub fn adopt_modes(&mut self, waves: &Waves) {
         let Some(e) = self.keep_newest() else { return };
         let modes = waves.motion(e.at);
         for (i, a) in e.after.iter_mut().enumerate() {
             a.fold_oscillators();
-            // The integration constant of the velocity is arbitrary; it is not wave motion.
             a.x[if i < 2 { MEAN } else { HEAD }] -= modes.value[i];
             a.x[HEAD + 1] -= modes.rate[i];
         }
     }
-    /// From the newest observation on, replaces modes that are too old to extrapolate by oscillators, which
-    /// share the residual motion in proportion to their variances.
+    /// From the newest observation on, replaces modes that are too old to extrapolate by oscillators, which share the
+    /// residual motion in proportion to their variances.
     pub fn hold_modes(&mut self, waves: &mut Waves) {
         let Some(at) = self.newest() else { return };
         let Some(held) = waves.hand_over(at) else {
@@ -402,9 +398,8 @@ impl Filter {
         let offset = [0, 1].map(|i| last[i].project(MeasurementRow::Offset).0);
         Some(agreement::place(offset, 0.0, &self.noise, self.taken))
     }
-    /// Distance of a detection from the radio's position, and its limit, m, if it exceeds the limit and a
-    /// `followed` deck is not detected at its previous position. `s` is the state at the time of the
-    /// detection.
+    /// Distance between a detection and the radio's position, and its limit, m, if the limit is exceeded and a
+    /// `followed` deck is not detected at its previous position. `s` is the state at the time of the detection.
     pub fn elsewhere(
         &self,
         waves: &Waves,
@@ -420,7 +415,7 @@ impl Filter {
         let [apart, limit] = self.apart(waves, s, o)?;
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Distance of a detection from the radio's position, and its limit, m, for the state `s` at its time.
+    /// Distance between a detection and the radio's position, and its limit, m, for the state `s` at its time.
     pub fn apart(&self, waves: &Waves, s: &FilterState, o: &DeckObservation) -> Option<[f64; 2]> {
         let by_radio = place(s, waves, o, MeasurementRow::Radio)?;
         let variance = |i: usize| {
@@ -432,8 +427,8 @@ impl Filter {
         Some(agreement::place(apart, more, &self.noise, self.taken))
     }
 
-    /// Records the result. Many consecutive rejections of a source show that the filter is wrong, so its
-    /// uncertainty is increased.
+    /// Records the result. Many consecutive rejections of a source show that the filter is wrong, so its uncertainty is
+    /// increased.
     fn record(&mut self, o: &DeckObservation, rejected: u32) {
         let source = &mut self.sources[o.kind as usize];
         source.record(o.at, 0.0, rejected == 0);
@@ -477,8 +472,8 @@ fn turning(s: &FilterState) -> Option<Turning> {
     })
 }
 
-/// Rotates the mean velocity, heel and trim of a turning vessel over the last `dt` (s), without covariances:
-/// `v' = omega x v`, the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7).
+/// Rotates the mean velocity, heel and trim of a turning vessel over the last `dt` (s), without covariances: `v' =
+/// omega x v`, the coordinated turn (Bar-Shalom, Li and Kirubarajan 2001, section 11.7).
 fn propagate_turn(s: &mut FilterState, dt: f64) {
     let Some(turn) = turning(s) else {
         return;
@@ -513,7 +508,7 @@ fn place(
     Some([(0, north), (1, east)].map(|(i, (v, r))| s[i].innovation(row, v - modes[i], r)))
 }
 
-/// Updates vision's rotation from the tag's measured minus predicted tilt. `common` (rad) is the error of the
+/// Updates vision's rotation from the measured minus the predicted tilt of the tag. `common` (rad) is the error of the
 /// vessel's own tilt, which does not average out because all measurements contain it.
 fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>; AXES], common: f64) {
     for (i, j) in [(0, 4), (1, 3)] {
@@ -534,7 +529,7 @@ fn update_camera_rotation(s: &mut FilterState, innovations: &[Option<Innovation>
 fn apply(s: &mut FilterState, o: &DeckObservation, waves: &Waves, gate: f64, common: f64) -> u32 {
     let modes = waves.motion(o.at);
     let innovations = innovations(s, &modes, waves.lever_arm(), o);
-    // An invalid value is an outlier, too.
+    // An invalid value also counts as an outlier.
     let beyond = |a: &Axis, nu: Option<Innovation>| nu.is_some_and(|nu| !(a.normalised(&nu) <= gate));
     let rate =
         |a: &Axis, i: usize| o.rate[i].map(|(v, r)| a.innovation(MeasurementRow::Rate, v - modes.rate[i], r));

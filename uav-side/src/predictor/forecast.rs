@@ -1,4 +1,4 @@
-//! Forecast of the deck's motion over the horizon, from the present state of the filters.
+//! Forecast of the deck's motion over the horizon, from the current state of the filters.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::Seq;
@@ -13,7 +13,7 @@ use super::axis::{
 use super::lever_arm_heave::lever_arm_heave;
 use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
-/// Stages at which the variance is computed; others are interpolated.
+/// Stages at which the variance is computed; the others are interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
 /// Minimum normal force per mass, m/s², below which nothing stays on the deck.
 const MIN_NORMAL_MPS2: f64 = 0.5;
@@ -56,9 +56,9 @@ impl Horizon {
         self.oscillators.copy_from_slice(oscillators);
     }
 
-    /// Stages of the forecast from the state `axes` at `now`. `common`: variances (value, rate) of constant
-    /// errors by degree of freedom; `clock_var`: variance of the clock (s²), which shifts everything along
-    /// its motion; `waves`: modes and position of the deck on the vessel.
+    /// Stages of the forecast from the state `axes` at `now`. `common`: variances (value, rate) of constant errors by
+    /// degree of freedom; `clock_var`: variance of the clock (s²), which shifts everything along its motion; `waves`:
+    /// modes, and position of the deck on the vessel.
     pub fn stages(
         &self,
         axes: &[Axis; AXES],
@@ -105,8 +105,8 @@ impl Horizon {
         out
     }
 
-    /// Apparent slope of the deck at each stage, in steps of [`SLOPE_STEP`]: `f_xy / |f_z|`, where the
-    /// specific force `f = R^T (a - g)` in the deck's axes is rotated to north and east.
+    /// Apparent slope of the deck at each stage, in steps of [`SLOPE_STEP`]: `f_xy / |f_z|`, where the specific force
+    /// `f = R^T (a - g)` in the deck's axes is rotated to north and east.
     pub fn slopes(
         &self,
         axes: &[Axis; AXES],
@@ -136,7 +136,7 @@ impl Horizon {
         out
     }
 
-    /// Propagates the means by one stage, with the turn of mean velocity, heel and trim.
+    /// Propagates the means by one stage, including the turn of mean velocity, heel and trim.
     fn advance(&self, mean: &mut [[f64; MAX_STATES]; AXES], heads: &[Head; AXES]) {
         for (axis, (x, h)) in mean.iter_mut().zip(heads).enumerate() {
             x[MEAN] += h.reach * x[RATE];
@@ -160,8 +160,7 @@ impl Horizon {
         }
     }
 
-    /// Variance of value, rate and acceleration at knot `k`, from the present covariance and the process
-    /// noise.
+    /// Variance of value, rate and acceleration at knot `k`, from the current covariance and the process noise.
     fn variance(&self, a: &Axis, noise: &AxisNoise, axis: usize, k: usize) -> [f64; 3] {
         let Some(step) = self.knots.get(k) else {
             return [0.0; 3];
@@ -172,8 +171,8 @@ impl Horizon {
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
-        // Position and heading are in the drone's frame, which moves with the present drift of the odometry.
-        // The unknown future drift moves drone and plan alike until the next detection, so it is omitted.
+        // Position and heading are in the drone's frame, which moves with the current drift of the odometry. The
+        // unknown future drift moves drone and plan alike until the next detection, so it is omitted.
         let q = head.noise(noise, step.dt);
         let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
         if in_vision_frame(axis) {
@@ -234,7 +233,7 @@ impl Horizon {
             a[i] += modes.acceleration[i];
         }
         let bent = mean[0][RATE].hypot(mean[1][RATE]) > STEERAGE_MPS;
-        // The mean rate of turn bends only the path of a vessel under way.
+        // The mean turn rate bends only the path of a vessel under way.
         let turn = if bent { mean[5][RATE] } else { 0.0 };
         let heel = TILT.map(|i| mean[i][MEAN]);
         r[TILT[0]] -= turn * heel[1];
@@ -244,7 +243,7 @@ impl Horizon {
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
         let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
-        // In a turning vessel the axes turn under a constant tilt.
+        // On a turning vessel the axes rotate under a constant tilt.
         let rates = [dr + turn * pitch, dp - turn * roll];
         let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], rates, [ddr, ddp]);
@@ -304,14 +303,13 @@ impl Horizon {
 
 struct Mean {
     stage: DeckStage,
-    /// By degree of freedom.
     rate: [f64; AXES],
     acceleration: [f64; AXES],
-    /// Sine and cosine of the heading by compass.
+    /// Sine and cosine of the compass heading.
     turn: (f64, f64),
 }
 
-/// Whether an axis is forecast in the drone's frame: position and heading are, tilt is not.
+/// Whether an axis is forecast in the drone's frame: true for position and heading, false for tilt.
 fn in_vision_frame(axis: usize) -> bool {
     !matches!(axis, 3 | 4)
 }

@@ -1,26 +1,26 @@
-//! Identification of the vessel's own deck among several decks with the same tags.
+//! Identifies the vessel's own deck among several decks with the same tags.
 //!
-//! A place with repeated detections is a deck. A single deck is accepted unless its rocking differs from the
-//! radio's report; the sum of squares over a block of [`BLOCK`] samples is chi-square distributed for the own
-//! deck. Among several decks the own one is the one that was followed before the others appeared (only
-//! without the radio). Otherwise it is the one whose log likelihood exceeds that of every other deck by
-//! [`MARGIN`]. The log likelihood ratio of decks 1 and 2 is
+//! A place with repeated detections is a deck. A single deck is accepted unless its rocking differs from the radio's
+//! report; for the own deck the sum of squares over a block of [`BLOCK`] samples is chi-square distributed. Among
+//! several decks the own deck is the one that was followed before the others appeared (only without the radio).
+//! Otherwise it is the one whose log likelihood exceeds that of every other deck by [`MARGIN`]. The log likelihood
+//! ratio of decks 1 and 2 is
 //!
 //! ```text
-//! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²)  +  1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
-//!     + sum over tilt about north, about east and height of  n/2 ln((s1 + s2)² / (4 s1 s2)),  negative where s1 > s2
+//! L = 1/2 ((apart2 / sd)² - (apart1 / sd)²) + 1/2 ((yaw2 / sd)² - (yaw1 / sd)²)
+//!     + sum over tilt about north, about east and height of n/2 ln((s1 + s2)² / (4 s1 s2)), negative where s1 > s2
 //! ```
 //!
-//! The last terms are the ratios for normal values of unknown variances `s` (about the mean), smaller for the
-//! own deck. Whatever the errors, they grow with the number of independent samples `n` only if the decks move
+//! The last terms are the ratios for normal values of unknown variances `s` (about the mean), which are smaller for the
+//! own deck. Whatever the errors, these terms grow with the number of independent samples `n` only if the decks move
 //! differently.
 //!
-//! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's
-//! values minus the radio's at the same time; the height is relative to its low-pass, because the drone's own
-//! height drifts. During the approach the height discriminates better than the tilt, which is then measured
-//! only to ten degrees. Boats moored side by side have the same heading but rock differently, because a wave
-//! reaches one before the other. The camera mount's error is the same for both and is part of the mean. Until
-//! the decision no deck is followed, and the reason is reported.
+//! `apart` is the distance from the position by radio or beacon. `yaw`, `tilt` and `height` are the camera's values
+//! minus the radio's at the same time. The height is relative to its low-pass, because the drone's own height drifts.
+//! During the approach the height discriminates better than the tilt, which is then accurate only to ten degrees. Boats
+//! moored next to each other have the same heading but rock differently, because a wave reaches one before the other.
+//! The camera mount's error is the same for both and is part of the mean. Until the decision no deck is followed, and
+//! the reason is reported.
 
 use std::collections::VecDeque;
 
@@ -38,35 +38,34 @@ const MAX_DECKS: usize = 4;
 const MAX_REPORTS: usize = 48;
 /// Maximum time over which a report is extrapolated with its rates, forward or backward, s.
 const HOLDS_S: f64 = 0.2;
-/// Maximum distance between detections of one deck, m: less than the width of any deck, and decks do not
-/// overlap.
+/// Maximum distance between detections of one deck, m: less than the width of any deck, because decks do not overlap.
 const SAME_M: f64 = 0.8;
-/// Increase of this distance with time, in addition to the vessel's motion, m/s, and per metre of range, for
-/// errors of the drone's attitude and heading.
+/// Increase of this distance with time, in addition to the vessel's motion, m/s, and per metre of range, for errors of
+/// the drone's attitude and heading.
 const SAME_MPS: f64 = 0.3;
 const SAME_PER_M: f64 = 0.05;
-/// Minimum distance between decks that were never detected in one image, m; nearer ones may be one deck.
+/// Minimum distance between decks that were never detected in one image, m; closer ones may be the same deck.
 const APART_M: f64 = 5.0;
-/// Minimum number of images for a deck to count: a single misread tag is not a deck.
+/// Minimum number of images for a place to count as a deck: a single misread tag is not a deck.
 const CONFIRMED: u32 = 5;
-/// Time for which an undetected deck is remembered, s, as in the forecast by vision alone.
+/// Time for which an undetected deck is remembered, s, as in a forecast from vision alone.
 const MEMORY_S: f64 = 30.0;
 /// Time after which a single deck is followed without the radio, s.
 const FOLLOWED_S: f64 = 2.0;
-/// Minimum of a mean square, in units of the stated variance; smaller values are chance or overestimated
+/// Minimum of a mean square, in units of the stated variance; smaller values are due to chance or overestimated
 /// variances.
 const MIN_VARIANCE: f64 = 0.05;
-/// Sampling interval of the tilt, s, because errors of successive images are correlated; and minimum number
-/// of samples per deck: half a wave.
+/// Sampling interval of the tilt, s, because errors of successive images are correlated; and minimum number of samples
+/// per deck: half a wave.
 const SAMPLE_S: f64 = 0.2;
 /// Interval between independent samples, s: half a wave period, or a view of the tags from one side.
 const INDEPENDENT_S: f64 = 3.0;
-/// Minimum log likelihood ratio of each single motion: tilt and height of one hull must not contradict each
+/// Minimum log likelihood ratio of each single motion, because tilt and height of one hull must not contradict each
 /// other.
 const AGAINST: f64 = -1.0;
 const MIN_SAMPLES: f64 = 15.0;
-/// Maximum difference in tilt, rad; no drone lands at a larger one, so the tag was solved for the wrong
-/// minimum.
+/// Maximum difference in tilt, rad. No drone lands at a larger tilt, so a larger difference means that the tag was
+/// solved for the wrong minimum.
 const MAX_TILT_RAD: f64 = 0.3;
 /// Minimum log likelihood ratio against any other deck, for 1 wrong decision in 10 000.
 const MARGIN: f64 = 9.2;
@@ -77,14 +76,14 @@ const TILT_SD_RAD: f64 = 0.009;
 const HEAVE_SD_M: f64 = 0.1;
 /// Time constant of the mean height residual, s: follows the drone's own drift and passes most of a wave.
 const LEVEL_TIME_S: f64 = 4.0;
-/// Number of tilt samples in a block: a wave period, 5 s.
+/// Number of tilt samples in a block: one wave period, 5 s.
 const BLOCK: f64 = 25.0;
-/// Maximum sum of squares of a block for the own deck: the 99.99 % point of a chi-square with 48 degrees of
-/// freedom (two angles about their means) is 93; the factor 4 allows errors twice as large as stated.
+/// Maximum sum of squares of a block for the own deck. The 99.99 % point of a chi-square with 48 degrees of freedom
+/// (two angles about their means) is 93; the factor 4 allows errors twice as large as stated.
 const MAX_SQUARES: f64 = 4.0 * 93.0;
-/// Upper limit on one squared sample: a single misread tag is not a contradiction.
+/// Upper limit of one squared sample: a single misread tag is not a contradiction.
 const MAX_SAMPLE: f64 = 30.0;
-/// Time after the last ambiguous image for which ambiguity is reported, s.
+/// Time after the last ambiguous image for which the ambiguity is reported, s.
 const REPORTED_S: f64 = 1.0;
 
 /// Tilt about north and east, yaw, rad, height of the deck's centre (down, m), and their rates.
@@ -95,12 +94,12 @@ struct Report {
     rates: Vector4<f64>,
 }
 
-/// Detected minus reported attitude of a deck: mean, and sum of squares about it in variances.
+/// Detected minus reported attitude of a deck: mean, and sum of squares about the mean in variances.
 #[derive(Clone, Copy, Debug, Default)]
 struct Residual {
     n: f64,
     mean: Vector3<f64>,
-    /// Sums of squares of tilt about north, tilt about east, and height.
+    /// Sums of squares of tilt about north, of tilt about east, and of height.
     squares: [f64; 3],
     sampled: Option<Time<DroneClock>>,
 }
@@ -117,8 +116,7 @@ impl Residual {
             self.squares[i] += (before[i] * after[i] / tilt_variance[i]).min(MAX_SAMPLE);
         }
     }
-    /// Log likelihood ratio of this deck against the other; minus infinity if one motion contradicts the
-    /// others.
+    /// Log likelihood ratio of this deck against the other; minus infinity if one motion contradicts the others.
     fn over(&self, other: &Residual) -> f64 {
         let yaw = |r: &Residual| (r.mean.z / YAW_SD_RAD).powi(2);
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
@@ -145,9 +143,9 @@ struct Deck {
     together: u32,
     /// Distance from the position by radio or beacon, in standard deviations.
     apart_sd: Option<f64>,
-    /// Residual while other decks are in sight.
+    /// Residual while other decks are in view.
     residual: Residual,
-    /// Low-pass of measured minus reported height while other decks are in sight, and its sample count.
+    /// Low-pass of measured minus reported height while other decks are in view, and its sample count.
     level: Option<(f64, f64)>,
     block: Residual,
     /// Whether the last complete block contradicted the radio.
@@ -179,7 +177,7 @@ impl Deck {
         let dt = (self.residual.sampled).map_or(0.0, |before| (at - before).secs());
         self.residual.take(at, r, tilt_variance);
         let (level, n) = self.level.map_or((height, 1.0), |(level, n)| (level, n + 1.0));
-        // Plain mean at first, as one sample does not define a level.
+        // A plain mean at first, because one sample does not define a level.
         let gain = low_pass_gain(dt, LEVEL_TIME_S).max(1.0 / n);
         let (before, after) = (height - level, (height - level) * (1.0 - gain));
         self.level = Some((height - after, n));
@@ -191,13 +189,12 @@ impl Deck {
     fn counts(&self) -> bool {
         self.images >= CONFIRMED && self.is_admissible()
     }
-    /// Whether the other deck may be the own one: it is present and is not a poor detection of this deck.
+    /// Whether the other deck may be the own deck: it is present and is not a poor detection of this deck.
     fn rivals(&self, other: &Deck) -> bool {
         let in_one_image = other.at == self.at && other.is_admissible();
         let two = other.together >= CONFIRMED || (other.place - self.place).norm() > APART_M;
         in_one_image || other.counts() && two
     }
-    /// Whether this deck is the own one and the other is not.
     fn is_clear_of(&self, other: &Deck) -> bool {
         let apart = |d: &Deck| d.apart_sd.unwrap_or(0.0).powi(2);
         let place = 0.5 * (apart(other) - apart(self));
@@ -224,7 +221,7 @@ pub(super) struct Decks {
 }
 
 impl Decks {
-    /// Adds an estimate received by radio. `height`: of the deck's centre, down, m, and its rate, m/s.
+    /// Adds an estimate received by radio. `height`: height of the deck's centre, down, m, and its rate, m/s.
     pub(super) fn report(&mut self, o: &DeckObservation, height: [f64; 2]) {
         let [.., Some((north, _)), Some((east, _)), Some((yaw, _))] = o.value else {
             return;
@@ -242,7 +239,7 @@ impl Decks {
             rates: Vector4::new(rate(3), rate(4), rate(5), height[1]),
         });
     }
-    /// Radio report extrapolated to `t` from the nearest one.
+    /// Radio report extrapolated to `t` from the nearest report.
     fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
@@ -250,7 +247,7 @@ impl Decks {
         (by.abs() <= HOLDS_S).then(|| nearest.pose + nearest.rates * by)
     }
 
-    /// Assigns tags detected at `range_m` to a deck and returns its index. `velocity`: of the vessel, m/s;
+    /// Assigns tags detected at `range_m` to a deck and returns its index. `velocity`: velocity of the vessel, m/s;
     /// `apart`: distance from the position by radio or beacon, and its limit, m.
     pub(super) fn see(
         &mut self,
@@ -270,7 +267,7 @@ impl Decks {
             let off = (place - d.place - velocity * dt).norm();
             (off, SAME_M + SAME_MPS * dt + SAME_PER_M * range_m)
         };
-        // Detections in one image are different decks.
+        // Detections in the same image belong to different decks.
         let nearest = (self.decks.iter().enumerate())
             .filter(|(_, d)| d.at != o.at)
             .map(|(k, d)| (k, near(d)))
@@ -300,7 +297,7 @@ impl Decks {
         deck.apart_sd = apart_sd;
         let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
         if in_image > 1 {
-            // The second detection of an image counts for the first deck, too.
+            // The second detection in an image also counts for the first deck.
             let both = |(i, d): &(usize, &mut Deck)| d.at == o.at && (*i == k || in_image == 2);
             (self.decks.iter_mut().enumerate())
                 .filter(both)
@@ -331,7 +328,7 @@ impl Decks {
         };
         let mut r = Vector3::new(north, east, yaw) - report.xyz();
         r.z = wrap_angle(r.z);
-        // The tilt of a tag viewed from the side is not reliable.
+        // The tilt of a tag viewed from the side is unreliable.
         if o.lever() == [0.0; 2] || r.xy().amax() > MAX_TILT_RAD {
             return;
         }
@@ -344,7 +341,7 @@ impl Decks {
             deck.judge(o.at, r, variances);
         }
     }
-    /// Verdict on tags of deck `k`; `radio`: whether the radio is received.
+    /// Verdict on the tags of deck `k`. `radio`: whether the radio is received.
     pub(super) fn verdict(&mut self, k: usize, o: &DeckObservation, radio: bool) -> Verdict {
         self.compare(k, o);
         if self.decks.get(k).is_some_and(|d| d.rocks_apart) {
@@ -367,7 +364,6 @@ impl Decks {
             }
         }
     }
-    /// Other decks that may be the own one.
     fn rivals_of(&self, k: usize) -> impl Iterator<Item = &Deck> {
         let deck = self.decks.get(k);
         let others = self.decks.iter().enumerate().filter(move |(i, _)| *i != k);
@@ -410,7 +406,7 @@ impl Decks {
             d.level = None;
         }
     }
-    /// Number of decks among which the own one is undecided; 0 once it is decided.
+    /// Number of decks between which the identification is undecided; 0 once it is decided.
     pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
@@ -458,7 +454,7 @@ mod tests {
             // Errors of the tag's tilt and of the camera's mount.
             let noise = tilt_sd * (37.0 * t).sin() + 0.02;
             let detected = [0.0, later_s].map(|later| {
-                // The drone's height has drift and noise.
+                // Drift and noise of the drone's height.
                 let down = heave(t, later) + 0.02 * t + 0.05 * (41.0 * t).sin();
                 ([roll(t, later) + noise, 0.02 - noise, 0.12], down)
             });
@@ -485,13 +481,13 @@ mod tests {
     #[test]
     fn own_deck_by_its_rocking() {
         assert_eq!(side_by_side(90.0, true, 0.4).0, [Verdict::Own, Verdict::Other]);
-        // In calm water, or rocking in phase, the decks cannot be distinguished.
+        // In calm water, or if they rock in phase, the decks cannot be distinguished.
         let (verdicts, decks) = side_by_side(30.0, true, 0.0);
         assert_eq!(verdicts, [Verdict::Several(2); 2]);
         assert_eq!(decks.undecided(Time::from_secs(30.0)), 2);
     }
 
-    /// At 15 m, where a tag's tilt is measured to ten degrees, the height distinguishes the decks.
+    /// At 15 m, where a tag's tilt is accurate only to ten degrees, the height distinguishes the decks.
     #[test]
     fn own_deck_by_its_heave() {
         assert_eq!(
@@ -531,9 +527,9 @@ mod tests {
 
     #[test]
     fn decks_without_a_radio() {
-        // Two decks from the start: none is followed.
+        // If there are two decks from the start, neither is followed.
         assert_eq!(side_by_side(30.0, false, 0.4).0, [Verdict::Several(2); 2]);
-        // A single deck stays followed when another comes into view and while it is out of view.
+        // A single deck is still followed when another comes into view and while it is out of view itself.
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
             let o = observation(ObservationKind::Tag, t, [north, 0.0], [0.0; 3]);

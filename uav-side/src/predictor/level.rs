@@ -6,8 +6,8 @@ use alight_shared::time::{DroneClock, Time};
 
 /// Time constant of the level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
-/// Distance from the level to a forecast's mean above which the frame or the estimate has jumped, m; heave is
-/// less.
+/// Difference between the level and a forecast's mean above which the frame or the estimate has jumped, m; heave is
+/// smaller.
 const LEVEL_JUMP_M: f64 = 3.0;
 
 /// First-order low-pass of the mean predicted height, NED z. A forecast spans about one wave.

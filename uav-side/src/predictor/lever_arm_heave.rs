@@ -1,15 +1,13 @@
 //! Lever-arm heave: difference in height of the deck's centre between a tilted and a level vessel.
 //!
-//! The filters estimate the height of the deck on a level vessel, which is a sum of waves. A deck at the
-//! lever arm `c` above the vessel's reference point dips twice in each rocking period by `c_z (cos theta cos
-//! phi - 1)`: 8 cm at 20 deg, at up to 0.1 m/s. No mode contains this motion, so it is computed from the
-//! tilt.
+//! The filters estimate the height of the deck on a level vessel, which is a sum of waves. A deck at the lever arm `c`
+//! above the vessel's reference point dips twice in each rocking period by `c_z (cos theta cos phi - 1)`: 8 cm at 20
+//! deg, at up to 0.1 m/s. No mode contains this motion, so it is computed from the tilt.
 
 use nalgebra::Vector3;
 
-/// Height (m, down) that tilt adds to a deck at the lever arm `c` (body frame, m), with rate and
-/// acceleration, from Euler angles, their rates and accelerations: the third row of `R(phi, theta)` times
-/// `c`, minus `c_z`.
+/// Height (m, down) that tilt adds to a deck at the lever arm `c` (body frame, m), with its rate and acceleration, from
+/// Euler angles, their rates and accelerations: the third row of `R(phi, theta)` times `c`, minus `c_z`.
 pub fn lever_arm_heave(
     c: &Vector3<f64>,
     [phi, theta]: [f64; 2],

@@ -1,8 +1,8 @@
 //! Measurement function `h(x)` of vision, rangefinder and relative position, its Jacobian, and innovations `z - h(x)`.
 //!
-//! A detection `z` is the deck relative to the drone's measured pose, expressed in the drone's NED. In terms of the
-//! filters' state: deck `d` (mean, waves and modes), slow errors `b` of vision, and direction `l` from the drone to the
-//! deck:
+//! A detection `z` is the deck relative to the drone's measured pose, expressed in the drone's NED. It depends on the
+//! filters' state: the deck `d` (mean, waves and modes), the slow errors `b` of vision, and the vector `l` from the
+//! drone to the deck:
 //!
 //! ```text
 //! north, east  d + b + L(l) w             w: rotation of vision, as far as it shifts distant detections
@@ -11,13 +11,12 @@
 //!                                            reads k more than the drone's; m: rotation of the camera's mount, b of tilt
 //! heading      d + b
 //! ```
-//! A range and a relative position have no line of sight of a camera. With `l = 0` the height is `d + b +
-//! s(t, y)`, and the relative position is `d + b` north and east. `b` is that of vision, because the
-//! conversion uses the same odometry.
+//! A range and a relative position have no camera line of sight. With `l = 0` the height is `d + b + s(t, y)`, and the
+//! relative position is `d + b` north and east. `b` is that of vision, because the conversion uses the same odometry.
 //!
-//! The filters are not coupled. Each is corrected with its own block of the Jacobian, the tilt with the
-//! inverse of its block. Of the other states only the camera's mount adds uncertainty to the height: errors
-//! by lever-arm heave and compass affect forecast and measurement equally.
+//! The filters are not coupled: each is corrected with its own block of the Jacobian, the tilt with the inverse of its
+//! block. Of the other states only the camera's mount adds uncertainty to the height, because errors due to lever-arm
+//! heave and compass affect forecast and measurement equally.
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::vessel_model::turn_tilt;
@@ -28,9 +27,9 @@ use super::lever_arm_heave::lever_arm_heave;
 use super::observation::{DeckObservation, ObservationKind, Plane};
 use super::waves::{AXES, DeckMotion, TILT};
 
-/// Arguments of `h`: degrees of freedom of the deck, position and heading in the drone's frame; rotation of
-/// the camera's mount about north and east; rotation of vision that shifts a detection north and east;
-/// reading of the vessel's compass minus that of the drone's.
+/// Arguments of `h`: degrees of freedom of the deck, with position and heading in the drone's frame; rotation of the
+/// camera's mount about north and east; rotation of vision that shifts a detection north and east; reading of the
+/// vessel's compass minus that of the drone's.
 type Arguments = SVector<f64, 11>;
 type Jacobian = SMatrix<f64, AXES, 11>;
 const MOUNT: [usize; 2] = [6, 7];
@@ -47,7 +46,7 @@ fn arguments(s: &[Axis; AXES], modes: &DeckMotion) -> Arguments {
     })
 }
 
-/// Tilt after a change of the vessel's heading by `delta`, and its derivatives with respect to both tilts and `delta`.
+/// Tilt after the vessel's heading has changed by `delta`, and its derivatives with respect to both tilts and `delta`.
 fn turned(tilt: [f64; 2], delta: f64) -> ([f64; 2], Matrix2x3<f64>) {
     let [(sr, cr), (sp, cp)] = tilt.map(f64::sin_cos);
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -delta);
@@ -105,8 +104,8 @@ fn mount_variance(s: &[Axis; AXES], o: &DeckObservation) -> f64 {
     mount_slopes(o).into_iter().zip(TILT).map(of).sum()
 }
 
-/// Innovations for the filters' state at the observation's time, in the form used by each filter: heading
-/// wrapped, detected tilt rotated back to the vessel's north.
+/// Innovations for the filters' state at the observation's time, in the form that each filter uses: heading wrapped,
+/// detected tilt rotated back to the vessel's north.
 pub(super) fn innovations(
     s: &[Axis; AXES],
     modes: &DeckMotion,
@@ -186,7 +185,7 @@ mod tests {
 
     const CENTRE: Vector3<f64> = Vector3::new(-4.0, 0.5, -1.3);
 
-    /// With a detection along any line of sight or a relative position.
+    /// Cases with a detection along any line of sight, or with a relative position.
     fn case() -> impl Strategy<Value = (Arguments, DeckObservation)> {
         let units = prop::array::uniform11(-1.0_f64..1.0);
         let line = prop::option::weighted(0.7, prop::array::uniform3(-8.0_f64..8.0));
@@ -251,7 +250,7 @@ mod tests {
             }
         }
 
-        /// Innovations are linear in the measurement, and that of the height also in the mount's rotation.
+        /// Innovations are linear in the measurement; that of the height also in the mount's rotation.
         #[test]
         fn innovation_variance_by_propagation((u, mut o) in case()) {
             const STEP: f64 = 1e-3;
@@ -283,8 +282,8 @@ mod tests {
         }
     }
 
-    /// Largest innovation of a tag, from geometry, with the camera's mount rotated by `mount`, rad, and
-    /// different compasses.
+    /// Maximum innovation of a tag, from geometry, with the camera's mount rotated by `mount`, rad, and different
+    /// compasses.
     fn innovation_of_a_tilted_tag(mount: Vector3<f64>) -> f64 {
         let c = PredictorConfig::default();
         let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
@@ -324,7 +323,7 @@ mod tests {
     fn tag_of_a_tilted_deck_by_a_rotated_camera() {
         let level = innovation_of_a_tilted_tag(Vector3::zeros());
         assert!(level < 1e-9, "{level}");
-        // A mount angle acts along the vessel's north on the tilt and along the drone's on the height.
+        // A mount angle affects the tilt along the vessel's north and the height along the drone's north.
         let rotated = innovation_of_a_tilted_tag(Vector3::new(2e-4, -3e-4, 0.0));
         assert!(rotated < 1e-4, "{rotated}");
     }

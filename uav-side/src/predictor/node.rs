@@ -46,14 +46,13 @@ pub struct PredictorIn {
     pub surroundings: Option<VesselSurroundings<DroneClock>>,
     pub link: Option<LinkState>,
     pub drone: Option<DroneState>,
-    /// Provides the sea level in the autopilot's frame.
+    /// Gives the sea level in the autopilot's frame.
     pub autopilot: Option<AutopilotState>,
     pub beacons: Vec<DeckBeacon>,
     pub tags: Vec<TagPose>,
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
     pub relative: Vec<RelativePlace>,
-    /// Checkpoint of a crashed predecessor.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
@@ -61,7 +60,7 @@ pub struct PredictorIn {
 pub struct PredictorOut {
     /// Published at the predictor's rate while the deck's position is known.
     pub forecast: Option<DeckForecast>,
-    /// For a successor. Published with each forecast once the camera has detected the deck.
+    /// For a successor; published with each forecast once the camera has detected the deck.
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
@@ -131,7 +130,7 @@ pub struct Predictor {
 }
 
 impl Predictor {
-    /// `boot` is a random number for each start.
+    /// `boot` is a random number, drawn at each start.
     pub fn new(config: &PredictorConfig, boot: u32) -> Self {
         let waves = Waves::new(config);
         Predictor {
@@ -165,8 +164,8 @@ impl Predictor {
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// Configures a restart after a possible crash. Until its predecessor's checkpoint is known the predictor
-    /// publishes nothing: a forecast by the radio alone may be off by metres and would end a landing.
+    /// Configures a restart after a possible crash. The predictor publishes nothing until its predecessor's checkpoint
+    /// is known, because a forecast from the radio alone may be off by metres and would end a landing.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
@@ -276,8 +275,8 @@ impl Predictor {
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
         };
-        // The comparison needs the camera or a relative position. Otherwise the level follows the radio,
-        // whose slow error is not in the filter's covariance.
+        // The comparison needs the camera or a relative position. Otherwise the level follows the radio, whose slow
+        // error is not in the filter's covariance.
         let by_relative_s = self
             .relative
             .state(at)
@@ -290,8 +289,8 @@ impl Predictor {
         self.fuse(&o)
     }
 
-    /// Applies the predecessor's checkpoint once the radio provides the deck's position, unless the deck is
-    /// detected first.
+    /// Applies the predecessor's checkpoint once the radio gives the deck's position, unless the deck is detected
+    /// first.
     fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
         let Some(recovery) = &mut self.recovery else {
             return;
@@ -315,7 +314,7 @@ impl Predictor {
         }
     }
 
-    /// Checkpoint of the newest observation, published with the forecast of this header.
+    /// Checkpoint of the newest observation, published with the forecast that has this header.
     fn checkpoint(&self, forecast: &Header<DroneClock>) -> Option<PredictorCheckpoint> {
         let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
         let axes = filter.last()?;
@@ -393,8 +392,8 @@ impl Predictor {
         }
     }
 
-    /// Identifies the vessel's motion on board while the radio is silent. Until then the last received modes
-    /// are kept.
+    /// Identifies the vessel's motion on the drone while the radio is silent. Until then the last received modes are
+    /// kept.
     fn identify(&mut self, now: Time<DroneClock>) {
         if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
             self.own = None;
@@ -448,7 +447,7 @@ impl Predictor {
         let common = self.common(&axes, source);
         let clock_var = match source {
             Source::Radio | Source::Both => self.clock_sd_s.powi(2),
-            // The error of vision is independent of the clock offset.
+            // The error of vision does not depend on the clock offset.
             Source::Vision | Source::None => 0.0,
         };
         let stages = self.horizon.stages(
@@ -504,8 +503,8 @@ impl Predictor {
         Some(f)
     }
 
-    /// Variances of correlated errors, which the filter treats as independent: the vessel's own filtered
-    /// errors, and the camera mount's error times the distance.
+    /// Variances of correlated errors that the filter treats as independent: the vessel's own filtered errors, and the
+    /// camera mount's error times the distance.
     fn common(&self, axes: &[Axis; AXES], source: Source) -> [(f64, f64); AXES] {
         let vision = match source {
             Source::Both | Source::Vision => true,

@@ -8,13 +8,13 @@ use super::config::PredictorConfig;
 use super::track::{FrameJump, Pose};
 use super::waves::AXES;
 
-/// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction
-/// of its height, or in m. Chosen: seeds 100 to 111 of Table II and a hover at 1.5 m.
+/// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction of its
+/// height, or in m. Chosen: seeds 100 to 111 of Table II and a hover at 1.5 m.
 const OVERHEAD: (f64, f64) = (0.35, 2.0);
 
-/// Standard deviations of the vessel filter's errors that last for seconds, of value and rate, m, rad, and
-/// per second: GNSS errors that the vessel's filter does not average and that are shorter than the slow
-/// error, a state here. Chosen.
+/// Standard deviations of the vessel filter's errors that last for seconds, of value and rate, m, rad, and per second.
+/// They are due to GNSS errors that the vessel's filter does not average out and that are shorter than the slow error,
+/// which is a state here. Chosen.
 const WANDER: [f64; AXES] = [0.1, 0.1, 0.05, 1e-3, 1e-3, 1e-2];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,9 +34,9 @@ impl ObservationKind {
 
 pub type Measured = Option<(f64, f64)>;
 
-/// Values and rates of the deck at one time, by degree of freedom. The radio gives the height of the deck on
-/// a level vessel, and the tilt of a vessel that heads north by its own compass. The other kinds give the
-/// deck's height, with north by the drone's compass.
+/// Values and rates of the deck at one time, by degree of freedom. The radio gives the height of the deck on a level
+/// vessel, and the tilt of a vessel that heads north by its own compass. The other kinds give the deck's height, with
+/// north by the drone's compass.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
     pub at: Time<DroneClock>,
@@ -44,14 +44,13 @@ pub struct DeckObservation {
     /// Position of the deck's centre, tilt of a deck that heads north, and heading.
     pub value: [Measured; AXES],
     pub rate: [Measured; AXES],
-    /// Deck's centre relative to the drone, NED, m; zero if the measurement is not along that line.
+    /// Position of the deck's centre relative to the drone, NED, m; zero if the measurement is not along that line.
     pub from_drone: Vector3<f64>,
 }
 
 impl DeckObservation {
-    /// Shift of the north value per rotation of vision about east, and of the east value per rotation about
-    /// north, m/rad. Zero for a view from the side, where errors of heading and distance would be mistaken
-    /// for the rotation.
+    /// Shift of the north value per rotation of vision about east, and of the east value per rotation about north,
+    /// m/rad. Zero for a view from the side, where errors of heading and distance would be mistaken for the rotation.
     pub fn lever(&self) -> [f64; 2] {
         let (fraction, lateral_m) = OVERHEAD;
         let [x, y, z]: [f64; 3] = self.from_drone.into();
@@ -61,8 +60,8 @@ impl DeckObservation {
             [0.0; 2]
         }
     }
-    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, radio values move
-    /// with the datum, and a relative position stays in the frame even if the heading jumps.
+    /// Applies a jump of the autopilot's estimate. Detections stay relative to the drone, radio values move with the
+    /// datum, and a relative position stays in the frame even if the heading jumps.
     pub fn shift(&mut self, jump: &FrameJump) {
         let (by, yaw) = match self.kind {
             ObservationKind::Estimate => (jump.datum, 0.0),
@@ -89,7 +88,7 @@ impl DeckObservation {
     }
 }
 
-/// Variances of value and rate stated by the vessel; for the tilt, the mean of both.
+/// Variances of value and rate stated by the vessel; for tilt, the mean of both axes.
 pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     let own = |i: usize| {
         let [value, _, rate] = e.covariance(i);
@@ -100,9 +99,8 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
     [own(0), own(1), own(2), tilt, tilt, own(5)]
 }
 
-/// Estimate in the drone's frame. `clock_sd`, the standard deviation of the clock offset (s), adds
-/// uncertainty in proportion to the rate. In tilt, modes and estimate have the same error, and the filter
-/// uses their difference.
+/// Estimate in the drone's frame. `clock_sd`, the standard deviation of the clock offset (s), adds uncertainty in
+/// proportion to the rate. In tilt, modes and estimate have the same error, and the filter uses their difference.
 pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservation {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let rotation = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
@@ -110,7 +108,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     let ddot = e.eta_ddot.map(f64::from);
     let spin = rotation * body_rates(roll, pitch, Vector3::new(dot[3], dot[4], dot[5]));
     let lever_arm = rotation * e.deck_centre();
-    // Height for a level vessel: the part caused by tilt is not a wave.
+    // Height on a level vessel, because the part due to tilt is not wave motion.
     let position = e.position() + Vector3::new(lever_arm.x, lever_arm.y, e.deck_centre().z);
     let swing = spin.cross(&lever_arm);
     let velocity = Vector3::new(dot[0] + swing.x, dot[1] + swing.y, dot[2]);
@@ -147,8 +145,7 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     }
 }
 
-/// Height of the deck's centre by the vessel's estimate (down, m), and its rate, m/s, with the effect of
-/// tilt.
+/// Height of the deck's centre from the vessel's estimate (down, m), and its rate, m/s, including the effect of tilt.
 pub fn deck_height(e: &VesselEstimate<DroneClock>) -> [f64; 2] {
     let [roll, pitch, yaw] = [e.eta[ROLL], e.eta[PITCH], e.eta[YAW]];
     let dot = e.eta_dot.map(f64::from);
@@ -218,9 +215,7 @@ pub fn uvdar(m: &UvdarFix, drone: &Pose, c: &PredictorConfig) -> DeckObservation
 
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
-    /// Centre of the deck, m.
     pub centre: Vector3<f64>,
-    /// Rotation from deck to NED.
     pub rotation: UnitQuaternion<f64>,
     /// Standard deviation of the horizontal position, m.
     pub position_sd: f64,
@@ -228,7 +223,7 @@ pub struct Plane {
     pub tilt_sd: f64,
 }
 
-/// Height of the deck's centre. None if the spot may lie outside the deck.
+/// Height of the deck's centre; None if the spot may lie outside the deck.
 pub fn range(m: &RangeSample, drone: &Pose, deck: &Plane, c: &PredictorConfig) -> Option<DeckObservation> {
     let beam = drone.attitude * Vector3::new(0.0, 0.0, 1.0);
     let spot = drone.position + drone.attitude * Vector3::from(c.drone.rangefinder_m) + beam * m.range_m;

@@ -1,9 +1,8 @@
 //! Modes of a vessel without radio, identified by the drone from camera and rangefinder.
 //!
-//! A separate filter with the broad default oscillators samples the deck's motion ten times per second for
-//! the same model with which a vessel identifies its own ([`alight_shared::motion_model`]). The result is
-//! extrapolated as if received by radio. The forecast's filter would only reproduce the modes about which it
-//! estimates motion.
+//! A separate filter with the broad default oscillators samples the deck's motion ten times per second for the model
+//! with which a vessel identifies its own motion ([`alight_shared::motion_model`]). The result is extrapolated as if
+//! received by radio. The forecast's own filter cannot serve here: it would only reproduce the modes that it assumes.
 
 use alight_shared::admission::Periodic;
 use alight_shared::apparent_slope::{self, ApparentSlope};
@@ -21,11 +20,11 @@ use super::waves::{AXES, Oscillator, Spread, Waves};
 
 /// Age of the sampled state, so that late images are included.
 const SAMPLE_AGE: Span = Span::from_millis(80);
-/// Time without a detection after which the deck is not sampled, s: only the filter's own motion remains.
+/// Time without a detection after which the deck is not sampled, s, because only the filter's own motion remains.
 const UNOBSERVED_S: f64 = 0.5;
-/// Observation time after which the modes are used, s. After 30 s the measured error is still too small: 2 of
-/// 12 landings on a 12 m hull in a sea of 1 m were hard; after 60 s none. A vessel needs as long to identify
-/// its own motion.
+/// Observation time after which the modes are used, s. After 30 s the measured error is still underestimated: 2 of 12
+/// landings on a 12 m hull in a sea of 1 m were hard; after 60 s none was. A vessel needs as long to identify its own
+/// motion.
 const IDENTIFIED_S: f64 = 60.0;
 /// Time between two stages of the measured prediction error, s.
 const STAGE_S: f64 = 0.25;
@@ -49,7 +48,7 @@ impl OwnModel {
             slope: Default::default(),
         }
     }
-    /// Fuses an observation. The first one takes the camera's rotation from the forecast's filter, where the
+    /// Fuses an observation. The first observation takes the camera's rotation from the forecast's filter, where the
     /// radio makes it observable.
     pub(super) fn fuse(&mut self, c: &PredictorConfig, o: &DeckObservation, known: Option<&FilterState>) {
         let waves = &self.waves;
@@ -69,7 +68,7 @@ impl OwnModel {
     }
     /// Advances to `now`. Returns whether there are newer modes.
     pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
-        // The heading only rotates modes, which this filter does not have.
+        // The heading only rotates modes, and this filter has none.
         self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
         let Some(filter) = self.filter.as_ref().filter(|f| f.is_finite()) else {
@@ -86,7 +85,7 @@ impl OwnModel {
         self.motion.push(sample(at, &axes, &oscillators, lever_arm));
         true
     }
-    /// Records the present deck for the apparent slopes.
+    /// Records the current deck for the apparent slopes.
     pub(super) fn watch(&mut self, now: Time<DroneClock>, deck: &DeckStage) {
         let (next, slope) = &mut self.slope;
         if next.is_due(now, Span::from_secs(1.0 / apparent_slope::RATE_HZ)) {
@@ -95,12 +94,12 @@ impl OwnModel {
             slope.push(now, &attitude, Vector3::from(deck.velocity));
         }
     }
-    /// Steepest recent apparent slopes, in the form reported by a vessel.
+    /// Steepest recent apparent slopes, in the form that a vessel reports.
     pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
-    /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and
-    /// whether they replace the default oscillators. None until enough motion is observed.
+    /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and whether they
+    /// replace the default oscillators. None until enough motion has been observed.
     pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;
@@ -116,8 +115,8 @@ impl OwnModel {
     }
 }
 
-/// Motion of the vessel's reference point about its mean, from a deck whose centre is at `lever_arm` (m,
-/// vessel's axes).
+/// Motion of the vessel's reference point about its mean, from a deck whose centre is at `lever_arm` (m, vessel's
+/// axes).
 fn sample(
     at: Time<DroneClock>,
     axes: &FilterState,
@@ -157,8 +156,7 @@ mod tests {
     use super::*;
     use core::f64::consts::FRAC_PI_2;
 
-    /// A vessel heads east and pitches and yaws about its reference point; its deck 4 m aft and 1.3 m up
-    /// swings.
+    /// A vessel heads east and pitches and yaws about its reference point, so its deck 4 m aft and 1.3 m up swings.
     #[test]
     fn motion_of_a_deck_off_the_reference_point() {
         let c = PredictorConfig::default();

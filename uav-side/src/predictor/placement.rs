@@ -7,12 +7,12 @@ use alight_shared::time::DroneClock;
 use alight_shared::vessel_model::{HEAVE, SURGE, SWAY, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-/// Estimate `e` relative to the drone's `origin` at `offset` (m) in the drone's frame; None beyond
+/// Estimate `e` relative to the drone's `origin`, which is at `offset` (m) in the drone's frame; None beyond
 /// [`MAX_POSITION_M`].
 ///
-/// The vessel's sensors measure north and down at the vessel's position, not at its datum. The convergence of
-/// the meridians rotates the estimate's directions, by 2 mrad at 5 km and 70 deg of latitude. The modes are
-/// not rotated; the error is 2 mm/s for a motion of 1 m/s.
+/// The vessel's sensors measure north and down at the vessel's position, not at its datum. The convergence of the
+/// meridians rotates the estimate's directions, by 2 mrad at 5 km and 70 deg of latitude. The modes are not rotated;
+/// the error is 2 mm/s for a motion of 1 m/s.
 pub fn placed(
     e: &VesselEstimate<DroneClock>,
     origin: &Datum,

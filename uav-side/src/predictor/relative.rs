@@ -1,16 +1,15 @@
-//! Deck's centre from a receiver with the vessel as its moving base, confirmed by tags.
+//! Position of the deck's centre from a receiver with the vessel as its moving base, confirmed by tags.
 //!
-//! With the drone's position `p` and attitude `R` in its odometry, the lever arms of the antennas `a` (drone)
-//! and `v` (vessel, from the deck's centre), the vessel's attitude `Q` by the filters, and the measured
-//! baseline `b`, NED, the deck's centre is `p + R a - b - Q v`. Like a detection it is in the odometry's
-//! frame, has vision's slow error and leaves the odometry's drift observable. The rotation of the camera does
-//! not affect it.
+//! Let `p` and `R` be the drone's position and attitude in its odometry, `a` (drone) and `v` (vessel, from the deck's
+//! centre) the lever arms of the antennas, `Q` the vessel's attitude from the filters, and `b` the measured baseline,
+//! NED. The deck's centre is `p + R a - b - Q v`. Like a detection it is in the odometry's frame, has vision's slow
+//! error, and leaves the odometry's drift observable. The rotation of the camera does not affect it.
 //!
 //! A false fixed solution states centimetres and is wrong by decimetres for as long as it lasts, so each tag detection
 //! is compared with the relative position. If they agree within `0.15 m + 3 sd`, the relative position is confirmed and
 //! may replace missing detections. Otherwise it is contradicted: the tags are used, and the relative position is
-//! ignored until a new solution agrees with the tags, or until there was no fixed solution for some seconds. A single
-//! float solution proves nothing, because the receiver may return to the same false ambiguities.
+//! ignored until a new solution agrees with the tags, or until there has been no fixed solution for some seconds. A
+//! single float solution proves nothing, because the receiver may return to the same false ambiguities.
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
@@ -24,30 +23,29 @@ use super::waves::AXES;
 
 /// Maximum stated standard deviation of a usable fixed solution, per component, m.
 const MAX_SD_M: f64 = 0.1;
-/// Minimum standard deviation of the deck's position, m: multipath, and phase centres of the antennas.
+/// Minimum standard deviation of the deck's position, m: multipath and antenna phase centres.
 const MIN_SD_M: f64 = 0.02;
 /// Time without a fixed solution after which the next one is independent of the last, s.
 const GONE_S: f64 = 10.0;
-/// Time since the last fused relative position for which the filter is based on it, s.
+/// Time after the last fused relative position for which the filter is based on it, s.
 const IN_USE_S: f64 = 1.0;
 /// Maximum time between a detection and the compared relative position, s.
 const PAIR_S: f64 = 0.3;
-/// Time constant of the mean difference and longest gap between its detections, s; and minimum number of detections.
+/// Time constant of the mean difference and maximum gap between its detections, s; and minimum number of detections.
 const MEAN_TIME_S: f64 = 1.0;
 const MIN_DETECTIONS: f64 = 5.0;
-/// Difference in m, beyond a number of standard deviations, that positions of tags and antennas do not
-/// explain.
+/// Tolerated difference in addition to a multiple of its standard deviation, m, for errors in the measured positions of
+/// tags and antennas; and that multiple.
 const APART_M: f64 = 0.15;
 const APART_SD: f64 = 3.0;
-/// Maximum uncertainty of a comparison that confirms the relative position, m; a touchdown still hits the
-/// deck.
+/// Maximum uncertainty of a comparison that confirms the relative position, m; a touchdown still hits the deck.
 const MAX_CONFIRMED_M: f64 = 0.4;
-/// Distance of tags from a fixed solution above which they belong to another deck, m: more than a false fix
-/// errs, and less than decks are apart.
+/// Distance between tags and a fixed solution above which the tags belong to another deck, m: more than the error of a
+/// false fix, and less than the distance between decks.
 const OTHER_DECK_M: f64 = 2.0;
 
-/// Deck's centre from `m`, the drone's pose, and the deck's attitude about true north at the same time;
-/// `heading_sd`: standard deviation of its heading, rad.
+/// Deck's centre from `m`, the drone's pose, and the deck's attitude about true north at the same time. `heading_sd`:
+/// standard deviation of its heading, rad.
 pub(super) fn observation(
     m: &RelativePlace,
     drone: &Pose,
@@ -82,8 +80,8 @@ pub(super) fn observation(
     }
 }
 
-/// Variances of a detection's position due to common errors: the camera's rotation across the line of sight,
-/// scale error along it, and the camera's position.
+/// Variances of a detection's position due to common errors: the camera's rotation across the line of sight, the scale
+/// error along it, and the camera's position.
 fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     let turn = c.vision_bias_sd_m_rad[3].max(c.vision_bias_sd_m_rad[4]);
     let across = |i: usize| line.norm_squared() - line[i] * line[i];
@@ -91,7 +89,7 @@ fn camera_variance(line: &Vector3<f64>, c: &PredictorConfig) -> Vector3<f64> {
     Vector3::from_fn(|i, _| of(i) + c.camera_mount_sd_m.powi(2))
 }
 
-/// Detection for fusion next to a relative position. In a view from the side no state models the camera's
+/// Detection for fusion in addition to a relative position. In a view from the side no state models the camera's
 /// rotation, so its uncertainty is added.
 pub(super) fn with_camera_error(mut o: DeckObservation, c: &PredictorConfig) -> DeckObservation {
     if o.lever() == [0.0; 2] {
@@ -114,8 +112,7 @@ fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
     Some([all.map(|(v, _)| v).into(), all.map(|(_, r)| r).into()])
 }
 
-/// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of
-/// the newest.
+/// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of the newest.
 #[derive(Clone, Copy, Debug)]
 struct MeanDifference {
     at: Time<DroneClock>,
@@ -123,12 +120,11 @@ struct MeanDifference {
     n: f64,
 }
 
-/// Permitted use of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Use {
-    /// It is fused, and compared with detections.
+    /// Fuse it, and compare it with detections.
     Fuse,
-    /// It is only compared with detections.
+    /// Only compare it with detections.
     Compare,
     Ignore,
 }
@@ -136,15 +132,13 @@ pub(super) enum Use {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeTrust {
     newest: Option<RelativePlace>,
-    /// Time of the newest fixed solution.
     fixed_at: Option<Time<DroneClock>>,
-    /// Deck from the newest usable measurement.
     fixed: Option<DeckObservation>,
     used: Option<Time<DroneClock>>,
     difference: Option<MeanDifference>,
     confirmed: bool,
     contradicted_m: Option<f64>,
-    /// The contradicted solution was lost, so the present one may be another.
+    /// Whether the contradicted solution was lost, so that the current one may be a different one.
     solved_again: bool,
 }
 
@@ -175,7 +169,7 @@ impl RelativeTrust {
             None | Some(_) => Use::Ignore,
         })
     }
-    /// Drops measurements and confirmation after a move of the drone's frame.
+    /// Drops measurements and confirmation after the drone's frame has moved.
     pub(super) fn forget_frame(&mut self) {
         (self.fixed, self.used, self.difference) = (None, None, None);
         self.confirmed = false;
@@ -184,7 +178,6 @@ impl RelativeTrust {
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
-    /// Records that the filter has fused a relative position.
     pub(super) fn count(&mut self, at: Time<DroneClock>) {
         self.used = Some(at);
     }
@@ -192,12 +185,11 @@ impl RelativeTrust {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
 
-    /// Whether a detection can be compared with a fixed solution.
     pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
         (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
     }
-    /// Position of a detection minus the relative position, m, without the deck's motion between them, and
-    /// the variances of the difference. None without a fixed solution of about the same time.
+    /// Position of a detection minus the relative position, m, excluding the deck's motion between them, and the
+    /// variances of the difference. None without a fixed solution of about the same time.
     fn difference(
         &self,
         o: &DeckObservation,
@@ -212,7 +204,7 @@ impl RelativeTrust {
             r + q + camera_variance(&o.from_drone, c),
         ])
     }
-    /// Horizontal distance of a detected other deck from the relative position, and its limit, m.
+    /// Horizontal distance between another detected deck and the relative position, and its limit, m.
     pub(super) fn elsewhere(
         &self,
         o: &DeckObservation,
@@ -224,8 +216,7 @@ impl RelativeTrust {
         let apart = apart.xy().norm();
         (!(apart <= limit)).then_some([apart, limit])
     }
-    /// Compares the vessel's own tags. Returns the difference, m, when it begins to contradict the relative
-    /// position.
+    /// Compares the vessel's own tags. Returns the difference, m, when it begins to contradict the relative position.
     pub(super) fn compare(
         &mut self,
         tag: &DeckObservation,
@@ -257,7 +248,7 @@ impl RelativeTrust {
         self.contradicted_m
     }
 
-    /// None if no measurement arrived recently.
+    /// State; None if no measurement arrived recently.
     pub(super) fn state(&self, now: Time<DroneClock>) -> Option<RelativeState> {
         let age = |t: Time<DroneClock>| (now - t).secs().max(0.0);
         let newest = self.newest.filter(|m| age(m.header.at) < GONE_S)?;
@@ -298,7 +289,7 @@ mod tests {
             from_drone: Vector3::z() * above_m,
         }
     }
-    /// Trust after one second of a fixed solution at the origin, at 5 Hz, with tags at `place` at 30 Hz.
+    /// Trust after one second with a fixed solution at the origin, at 5 Hz, and tags at `place`, at 30 Hz.
     fn after(trust: &mut RelativeTrust, from_s: f64, place: [f64; 3], above_m: f64) -> RelativeState {
         let c = PredictorConfig::default();
         for k in 0..30 {
@@ -396,13 +387,13 @@ mod tests {
         after(&mut trust, 0.0, [0.0; 3], 2.0);
         let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
         assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
-        // A more distant detection is another deck.
+        // A more distant detection belongs to another deck.
         assert_eq!(trust.elsewhere(&misread, &Vector3::zeros(), &c), None);
         let other = detection(1.0, [3.0, 0.0, 0.0], 2.0);
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
     }
 
-    /// Whether tags `apart` from the fixes of a deck that moves at 8 m/s contradict them.
+    /// Whether tags `apart` from the fixes of a deck that moves at 8 m/s contradict the fixes.
     fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
         let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
         let velocity = Vector3::new(8.0, 0.0, 0.0);

@@ -1,11 +1,10 @@
-//! Correction of the filters for a jump of the autopilot's estimate. Values measured in the drone's frame
-//! stay relative to the drone; values received by radio move with the datum.
+//! Corrects the filters for a jump of the autopilot's estimate. Values measured in the drone's frame stay relative to
+//! the drone; values received by radio move with the datum.
 //!
-//! The deck's position is the mean, the radio's part, plus vision's slow error. The mean moves with a jump of
-//! the datum; the slow error changes by the difference in proportion to the weight of vision. A deck that was
-//! never detected stays at the radio's position through any jump of the heading. PX4 and ArduPilot align
-//! their heading by up to 180 deg once the origin is known; a deck rotated with it would be wrong by `2 d
-//! sin(yaw / 2)`.
+//! The deck's position is the mean, which is the radio's part, plus vision's slow error. The mean moves with a jump of
+//! the datum; the slow error changes by the difference in proportion to the weight of vision. A deck that was never
+//! detected stays at the radio's position through any jump of the heading. PX4 and ArduPilot align their heading by up
+//! to 180 deg once the origin is known; a deck rotated with it would be wrong by `2 d sin(yaw / 2)`.
 
 use nalgebra::Vector3;
 
@@ -13,9 +12,9 @@ use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
 use super::track::FrameJump;
 use super::waves::AXES;
 
-/// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and
-/// whether the position is from the relative position, which is independent of the heading. Returns the
-/// degrees of freedom that are still known.
+/// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and whether
+/// the position comes from the relative position, which does not depend on the heading. Returns the degrees of freedom
+/// that are still known.
 pub(super) fn state(
     s: &mut [Axis; AXES],
     jump: &FrameJump,
@@ -49,7 +48,7 @@ pub(super) fn state(
             }
         }
     }
-    // The camera's mount has turned with the drone.
+    // The camera's mount has rotated with the drone.
     let (sin, cos) = jump.yaw.sin_cos();
     let turned = |north: f64, east: f64| (cos * north - sin * east, sin * north + cos * east);
     (s[3].x[VISION], s[4].x[VISION]) = turned(s[3].x[VISION], s[4].x[VISION]);
@@ -59,9 +58,8 @@ pub(super) fn state(
 
 /// Variances of the deck's position along an axis in the drone's frame.
 struct VisionWeight {
-    /// Variance with all measurements.
     whole: f64,
-    /// Variance without vision: the radio's plus the slow errors of radio and camera.
+    /// Variance without vision: the radio's, plus the slow errors of radio and camera.
     by_radio: f64,
 }
 
@@ -72,10 +70,10 @@ impl VisionWeight {
             by_radio: a.project(MeasurementRow::Radio).1 + noise.radio.0.powi(2) + noise.vision.0.powi(2),
         }
     }
-    /// Weight of vision in the deck's estimate, 0 to 1, with positions by vision and radio `apart` from each
-    /// other. For the product of two normal distributions with variances `S` (radio) and `V`, where `1 /
-    /// whole = 1 / S + 1 / V`, it is `S / (S + V) = 1 - whole / S`. Beyond `gate` standard deviations only
-    /// the more accurate one is used; None for the radio.
+    /// Weight of vision in the deck's estimate, 0 to 1, when the positions by vision and radio are `apart` from each
+    /// other. For the product of two normal distributions with variances `S` (radio) and `V`, where `1 / whole = 1 / S
+    /// + 1 / V`, it is `S / (S + V) = 1 - whole / S`. Beyond `gate` standard deviations only the more accurate position
+    /// is used; None stands for the radio.
     fn weight(&self, apart: f64, gate: f64) -> Option<f64> {
         let weight = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);
         // S + V = S / share.
@@ -98,22 +96,22 @@ mod tests {
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
 
-    /// Drone at rest, with odometry and predictor, whose autopilot's estimate jumps.
+    /// Odometry and predictor of a drone at rest while the estimate of its autopilot jumps.
     struct Bench {
         odometry: Odometry,
         predictor: Predictor,
         tick: u32,
-        /// By the autopilot's estimate.
+        /// Position of the drone by the autopilot's estimate.
         place: Vector3<f64>,
         yaw: f64,
-        /// By radio, relative to the datum.
+        /// Position of the deck by radio, relative to the datum.
         deck: Vector3<f64>,
         /// Boot id, and position of the datum.
         vessel: (u32, Vector3<f64>),
         origin: Vector3<f64>,
-        /// Deck relative to the drone, in the drone's axes, by the camera.
+        /// Position of the deck relative to the drone by the camera, in the drone's axes.
         detection: Option<Vector3<f64>>,
-        /// Deck relative to the drone, NED, by a receiver.
+        /// Position of the deck relative to the drone by a receiver, NED.
         relative: Option<Vector3<f64>>,
         /// Positions of the deck (forecast) and of the drone (odometry).
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -195,11 +193,10 @@ mod tests {
                 self.newest = Some((stage.position.into(), drone.position()));
             }
         }
-        /// Detects the deck at its estimated position.
         fn detect(&mut self) {
             self.detection = Some(self.apart());
         }
-        /// Estimated deck relative to the drone, level, north up.
+        /// Estimated position of the deck relative to the drone, level, north up.
         fn apart(&self) -> Vector3<f64> {
             self.newest
                 .map_or(Vector3::repeat(f64::NAN), |(deck, drone)| deck - drone)
@@ -223,7 +220,7 @@ mod tests {
             b.yaw += yaw;
             b.place += Vector3::from(by);
             b.run(0.1);
-            // The drone has moved, and the radio's position relative to the datum has not.
+            // The drone has moved, but the radio's position relative to the datum has not.
             let moved = b.apart() - (before - Vector3::from(by));
             prop_assert!(moved.norm() < 0.3, "{moved:?} at {yaw} {by:?}");
         }
@@ -234,7 +231,7 @@ mod tests {
             yaw in -3.1_f64..3.1,
             by in prop::array::uniform3(-20.0_f64..20.0),
         ) {
-            // A change of heading by less than 4 deg is no jump and rotates the detections, here by up to 4
+            // A heading change of less than 4 deg does not count as a jump and rotates the detections, here by up to 4
             // cm.
             let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
@@ -254,8 +251,7 @@ mod tests {
 
     #[test]
     fn deck_by_relative_place_at_a_jump() {
-        // The receiver measures the deck 2 m off the radio's position, 55 m away; there is no detection to
-        // rotate.
+        // The receiver measures the deck 55 m away and 2 m off the radio's position; there is no detection to rotate.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         b.relative = Some(b.apart() + Vector3::new(0.0, 2.0, 0.5));
@@ -298,7 +294,7 @@ mod tests {
 
     #[test]
     fn heading_aligned_before_the_first_detection() {
-        // The heading is aligned by 118 deg. A deck 55 m away that is rotated with it would be wrong by 94 m.
+        // The heading is aligned by 118 deg. If a deck 55 m away were rotated with it, it would be wrong by 94 m.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();
@@ -309,7 +305,6 @@ mod tests {
 
     #[test]
     fn deck_detected_a_minute_ago_at_a_jump() {
-        // The odometry has drifted by more than the radio's error.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(20.0, 0.0, 0.0));
         b.run(2.0);
         b.detect();

@@ -13,7 +13,7 @@ use crate::odometry::origin::yaw_jump;
 const MAX_STATES: usize = 128;
 /// Maximum time over which a state is extrapolated, s.
 const MAX_AHEAD_S: f64 = 0.1;
-/// Difference from the position predicted by velocity at which a restarted link has changed the frame, m.
+/// Difference from the position predicted by velocity that shows that a restarted link has changed the frame, m.
 pub(super) const JUMP_M: f64 = 0.7;
 /// Maximum time between two states for jump detection, s.
 const JUMP_STEP_S: f64 = 0.2;
@@ -84,13 +84,13 @@ impl Default for DroneTrack {
 }
 
 impl DroneTrack {
-    /// Adds a newer state. Returns a jump of the autopilot's estimate after applying it to earlier states.
+    /// Adds a newer state. If the autopilot's estimate has jumped, applies the jump to earlier states and returns it.
     pub fn push(&mut self, s: &DroneState) -> Option<FrameJump> {
         let jump = self.states.back().and_then(|last| FrameJump::between(last, s));
         if let Some(jump) = jump {
             let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
             for old in &mut self.states {
-                // The path was correct and the heading was not.
+                // The path was correct but the heading was not.
                 old.position = (old.position() + jump.moved).into();
                 let q = turn * old.attitude();
                 old.attitude = [q.w, q.i, q.j, q.k];
@@ -105,7 +105,7 @@ impl DroneTrack {
     pub fn newest(&self) -> Option<&DroneState> {
         self.states.back()
     }
-    /// Pose at `t`, interpolated, or extrapolated shortly after the newest state; None otherwise.
+    /// Pose at `t`, interpolated, or extrapolated shortly beyond the newest state; None otherwise.
     pub fn at(&self, t: Time<DroneClock>) -> Option<Pose> {
         let i = self.states.partition_point(|s| s.header.at <= t);
         let a = self.states.get(i.checked_sub(1)?)?;
@@ -174,7 +174,6 @@ mod tests {
             jump.datum == Vector3::new(-5.0, 0.0, 0.4) && jump.moved == Vector3::zeros() && jump.yaw == 0.0
         );
         assert!((t.at(Time::from_secs(1.0)).unwrap().position.x - 1.0).abs() < 1e-9);
-        // A detection keeps its position.
         let point = Vector3::new(3.0, 1.0, 1.0);
         assert_eq!(jump.of(&point), point);
     }

@@ -1,5 +1,5 @@
-//! Deck's motion in waves: the vessel's modes, extrapolated, plus one short oscillator per degree of freedom
-//! for the residual. Until the vessel has identified its modes, a broad set of default oscillators is used.
+//! Motion of the deck in waves: the vessel's modes, extrapolated, plus one short oscillator per degree of freedom for
+//! the residual. Until the vessel has identified its modes, a broad set of default oscillators is used.
 
 use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
@@ -34,13 +34,12 @@ const MAX_BACK_S: f64 = 0.1;
 pub struct Oscillator {
     /// Angular frequency of encounter, rad/s.
     pub omega: f64,
-    /// Damping ratio per axis.
     pub damping: [f64; AXES],
     /// Stationary standard deviation per axis, m, rad.
     pub sd: [f64; AXES],
 }
 
-/// Motion of the deck by the modes, by degree of freedom.
+/// Motion of the deck due to the modes, by degree of freedom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeckMotion {
     /// Value, m, rad.
@@ -51,7 +50,7 @@ pub struct DeckMotion {
     pub acceleration: [f64; AXES],
 }
 
-/// Modes of the deck at a time, advanced in equal steps.
+/// Modes of the deck at one time, advanced in equal steps.
 #[derive(Clone, Debug, Default)]
 pub struct DeckModes {
     /// Pole, and phasor of each degree of freedom.
@@ -60,10 +59,9 @@ pub struct DeckModes {
 }
 
 impl DeckModes {
-    /// Modes at their time of validity plus `t` seconds, for a deck whose centre is at `lever_arm` (m, north,
-    /// east, down of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft,
-    /// a positive roll to starboard, and a change of heading across the lever arm. `step_s` is the step of
-    /// [`DeckModes::advance`].
+    /// Modes `t` seconds after their time of validity, for a deck whose centre is at `lever_arm` (m, north, east, down
+    /// of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft, a positive roll to
+    /// starboard, and a heading change across the lever arm. `step_s` is the step of [`DeckModes::advance`].
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
             let factor = (m.pole * t).exp();
@@ -109,20 +107,20 @@ impl DeckMotion {
     }
 }
 
-/// Modes that became too old to extrapolate, as oscillator motions.
+/// Motions, as oscillators, of modes that have become too old to extrapolate.
 #[derive(Clone, Debug)]
 pub struct HandOver {
     /// Motion of each oscillator, the residual one first.
     pub motions: Vec<DeckMotion>,
-    /// Fraction of the motion's variance that the modes leave unknown, by degree of freedom.
+    /// Fraction of the motion's variance that the modes do not explain, by degree of freedom.
     pub unknown: [f64; AXES],
 }
 
-/// Measured standard deviation that prediction adds to the estimate's own, by degree of freedom: m/s for the
-/// course, m, rad.
+/// Measured standard deviation that prediction adds to that of the estimate, by degree of freedom: m/s for the course,
+/// m, rad.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
-    /// Values at equal steps from the present.
+    /// Values at equal steps from now on.
     pub stages: Seq<[f64; AXES], PREDICTION_STAGES>,
     /// Time between two stages, s.
     pub step_s: f64,
@@ -135,16 +133,14 @@ pub struct Waves {
     residual_sd: [f64; AXES],
     /// Damping ratio of the residual of heave, tilt and heading with fresh modes, and with stale modes.
     residual_damping: [f64; 2],
-    /// Received modes, newest last.
     messages: VecDeque<Modes<DroneClock>>,
-    /// Deck's centre from the vessel's reference point in the vessel's axes, m.
+    /// Deck's centre relative to the vessel's reference point, in the vessel's axes, m.
     lever_arm: Vector3<f64>,
     /// Lever arm of a level vessel on its heading, NED, m.
     level_arm: Vector3<f64>,
     spread: Spread,
     /// Maximum standard deviation of the residual.
     largest: [f64; AXES],
-    /// Whether the vessel has sent modes.
     identified: bool,
     /// Fraction of the motion's variance predicted by the modes, 0 to 1.
     pub confidence: f64,
@@ -180,10 +176,10 @@ impl Waves {
     pub fn are_identified(&self) -> bool {
         self.identified && !self.spread.stages.is_empty()
     }
-    /// Oscillators at time `at`. The modes' residual grows with their age. Its damping is interpolated with
-    /// the fraction `(left now / left then)²`, where `then` is a quarter of a wave later: small for fresh
-    /// modes, whose residual fades, and 1 for stale modes, whose residual oscillates like the waves. The
-    /// residual of the course (north and east) always oscillates, because velocity errors accumulate in it.
+    /// Oscillators at time `at`. The modes' residual increases with their age. Its damping is interpolated with the
+    /// fraction `(left now / left then)²`, where `then` is a quarter of a wave later: small for fresh modes, whose
+    /// residual fades, and 1 for stale modes, whose residual oscillates like the waves. The residual of the course
+    /// (north and east) always oscillates, because velocity errors accumulate in it.
     pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
         if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
@@ -201,9 +197,8 @@ impl Waves {
         }
         all
     }
-    /// Standard deviation of the newest modes' residual at `age` seconds, by degree of freedom, m, rad: the
-    /// error of their prediction, limited to the difference of two independent motions with the waves'
-    /// spectrum.
+    /// Standard deviation of the newest modes' residual at `age` seconds, by degree of freedom, m, rad: the error of
+    /// their prediction, limited to the difference of two independent motions with the waves' spectrum.
     fn left(&self, age: f64) -> [f64; AXES] {
         let last = self.reach_s();
         let spread = self.spread(age.max(FIRST_S));
@@ -214,8 +209,8 @@ impl Waves {
         })
     }
 
-    /// Factor from velocity error to position error on the course's axes: the residual oscillator's memory,
-    /// s; otherwise 1.
+    /// Factor from velocity error to position error on the course's axes: the memory of the residual oscillator, s; 1
+    /// on the other axes.
     fn unit(&self, axis: usize) -> f64 {
         match (axis, self.oscillators.first()) {
             (0 | 1, Some(o)) => 1.0 / o.omega,
@@ -223,8 +218,8 @@ impl Waves {
         }
     }
 
-    /// Standard deviation that predicting `ahead` seconds adds, by degree of freedom: m/s, m, rad; constant
-    /// after the last stage.
+    /// Standard deviation added by a prediction over `ahead` seconds, by degree of freedom: m/s, m, rad; constant after
+    /// the last stage.
     fn spread(&self, ahead: f64) -> [f64; AXES] {
         let stages = &self.spread.stages;
         let x = (ahead / self.spread.step_s).clamp(0.0, stages.len().saturating_sub(1) as f64);
@@ -261,8 +256,8 @@ impl Waves {
         self.spread = spread;
     }
 
-    /// Adopts the vessel's wave model once its deviation is known. Returns whether it replaces the default
-    /// oscillators; the filters then fold their oscillators into the first.
+    /// Adopts the vessel's wave model once its deviation is known. Returns whether it replaces the default oscillators;
+    /// the filters then fold their oscillators into the first one.
     pub fn receive(&mut self, m: &WaveModel<DroneClock>) -> bool {
         self.adopt(Modes::from(m), f64::from(m.confidence))
     }
@@ -299,16 +294,16 @@ impl Waves {
         begun
     }
 
-    /// Time of validity; None before the first modes, and after [`Waves::hand_over`].
+    /// Time of validity of the newest modes; None before the first modes, and after [`Waves::hand_over`].
     pub fn newest(&self) -> Option<Time<DroneClock>> {
         self.messages.back().map(|m| m.at)
     }
-    /// Horizon of the vessel's published prediction deviation, s. Older modes are not extrapolated.
+    /// Horizon of the vessel's published prediction deviation, s. Modes older than this are not extrapolated.
     pub fn reach_s(&self) -> f64 {
         self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
-    /// Replaces the modes at `at` by oscillators that the filters estimate. Returns their motions, the
-    /// residual one first.
+    /// Replaces the modes at `at` by oscillators that the filters estimate. Returns their motions, the residual one
+    /// first.
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
@@ -346,7 +341,7 @@ impl Waves {
         Some(HandOver { motions, unknown })
     }
 
-    /// Modes at `t`, from the newest message then; `step_s` is their step.
+    /// Modes at `t`, from the message that was then the newest; `step_s` is their step.
     pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
@@ -354,8 +349,8 @@ impl Waves {
         };
         DeckModes::new(m, (t - m.at).secs().max(-MAX_BACK_S), &self.level_arm, step_s)
     }
-    /// Deck motion at `to` by the modes that were newest at `from`, minus that by the newest at `to`. None if
-    /// they are equal.
+    /// Deck motion at `to` from the modes that were newest at `from`, minus that from the newest at `to`. None if they
+    /// are the same modes.
     pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
         let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
@@ -375,8 +370,8 @@ impl Waves {
     pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
-    /// Variance of the newest modes' prediction from `now` to a number of seconds later, by degree of
-    /// freedom, in excess of the residual oscillator's.
+    /// Variance of the newest modes' prediction from `now` to a number of seconds later, by degree of freedom, in
+    /// excess of that of the residual oscillator.
     pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
         let age = self
             .messages
@@ -397,7 +392,7 @@ impl Waves {
 mod tests {
     use super::*;
 
-    /// The deck 4 m aft of a vessel that heads east and yaws by 0.1 rad in 5 s swings north and south.
+    /// A vessel heads east and yaws by 0.1 rad in 5 s, so its deck 4 m aft swings north and south.
     #[test]
     fn yaw_of_a_deck_off_the_reference_point() {
         let mut waves = Waves::new(&PredictorConfig::default());

@@ -7,7 +7,6 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::config::TrackingConfig;
 use crate::odometry::hover::hover_sample;
 
-/// Slow estimates of thrust scale and horizontal disturbance.
 #[derive(Clone, Debug)]
 pub(crate) struct FlightEstimator {
     /// Collective thrust in hover, 0 to 1.
@@ -15,7 +14,7 @@ pub(crate) struct FlightEstimator {
     nominal: f64,
     reported: bool,
     disturbance: Vector2<f64>,
-    /// Upward specific force beyond the modelled thrust, m/s².
+    /// Upward specific force in excess of the modelled thrust, m/s².
     lift: f64,
     /// Commanded thrust after the rotors' lag, 0 to 1.
     applied: Option<f64>,
@@ -23,7 +22,7 @@ pub(crate) struct FlightEstimator {
     commanded_s: f64,
 }
 
-/// Delay until a newly commanded thrust is in effect, s: four lags of the rotors.
+/// Delay until a newly commanded thrust is in effect, s: four rotor lags.
 const IN_FORCE_S: f64 = 0.2;
 
 impl FlightEstimator {
@@ -49,20 +48,19 @@ impl FlightEstimator {
     pub(crate) fn specific(&self, u: f64) -> f64 {
         u * GRAVITY / self.hover
     }
-    /// Own commanded thrust after its lag, 0 to 1. None until it is in effect, and while the autopilot closes
-    /// the loop.
+    /// Own commanded thrust after its lag, 0 to 1. None until it is in effect, and while the autopilot closes the loop.
     pub(crate) fn in_force(&self) -> Option<f64> {
         self.applied.filter(|_| self.commanded_s >= IN_FORCE_S)
     }
-    /// Initialises the estimate with the autopilot's own, once.
+    /// Initialises the estimate once with that of the autopilot.
     pub(crate) fn use_reported_hover(&mut self, hover: f64) {
         if !self.reported && self.plausible(hover) {
             self.hover = hover;
             self.reported = true;
         }
     }
-    /// Upward specific force beyond the own thrust, m/s²: ground effect, the inflow of a fast descent, and in
-    /// wind the drag's component along the tilted thrust.
+    /// Upward specific force in excess of the own thrust, m/s²: ground effect, inflow of a fast descent, and in wind
+    /// the component of drag along the tilted thrust.
     pub(crate) fn lift(&self) -> f64 {
         self.lift
     }
@@ -90,7 +88,6 @@ impl FlightEstimator {
             self.lift = low_pass(self.lift, wrong.clamp(-max, max), dt, c.lift_time_s);
         }
     }
-    /// Applies the first-order lag from commanded to actual thrust.
     pub(crate) fn commanded(&mut self, thrust: Option<f64>, dt: f64, lag: f64) {
         self.commanded_s = thrust.map_or(0.0, |_| self.commanded_s + dt);
         self.applied = thrust.map(|u| low_pass(self.applied, u, dt, lag));
@@ -131,8 +128,8 @@ mod tests {
         // Ground effect of 10 % on a level drone.
         let ground = learnt(Vector3::new(0.0, 0.0, -1.1 * GRAVITY), 0.0, 0.4, Some(0.4));
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
-        // In a tilted hover in wind the drag has no vertical component. A hover thrust that was learnt along
-        // the thrust would err by a sin(tilt).
+        // In a tilted hover in wind the drag has no vertical component. A hover thrust learned along the thrust would
+        // be wrong by a sin(tilt).
         let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
         let drag = GRAVITY * tilt.tan();
         let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());

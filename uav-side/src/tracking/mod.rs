@@ -1,9 +1,9 @@
 //! Tracking loop from plan and odometry to attitude and thrust.
 //!
-//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, converted to a thrust vector and by flatness to an
-//! attitude. The plan's attitude is fed forward with the autopilot's lag compensated; the feedback is not compensated,
-//! and its authority over the tilt fades towards the deck: at contact the plan's attitude matters more than a few
-//! centimetres of position.
+//! `a = a_plan + sat(Kp e_p + Kv e_v + I) - (d - d_plan) + Ka e_a`, converted to a thrust vector, and by flatness to an
+//! attitude. The plan's attitude is fed forward with compensation of the autopilot's lag. The feedback is not
+//! compensated, and its authority over the tilt fades towards the deck, because at contact the plan's attitude matters
+//! more than a few centimetres of position.
 
 mod config;
 mod estimate;
@@ -17,14 +17,13 @@ use crate::flatness::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_atti
 pub use config::TrackingConfig;
 pub(crate) use estimate::FlightEstimator;
 
-/// Time constant of the attitude for which the default gains are designed, s.
+/// Attitude time constant for which the default gains are designed, s.
 pub(crate) const DESIGN_LAG_S: f64 = 0.2;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AttitudeCommand {
-    /// Rotation NED from body.
     pub(crate) attitude: UnitQuaternion<f64>,
-    /// Body rates as feed-forward, rad/s.
+    /// Body rates for feed-forward, rad/s.
     pub(crate) rates: Vector3<f64>,
     /// Collective thrust, 0 to 1.
     pub(crate) thrust: f64,
@@ -38,12 +37,10 @@ pub(crate) struct Authority {
     pub(crate) disturbance: f64,
     /// Disturbance that the plan's attitude already compensates, NED, m/s².
     pub(crate) planned: Vector2<f64>,
-    /// Whether the integral may change.
     pub(crate) integrate: bool,
     /// Whether the vertical force has priority over the horizontal one.
     pub(crate) brakes: bool,
-    /// Limit of the downward acceleration, NED z, m/s²; an active limit gives the vertical force priority as
-    /// well.
+    /// Limit of the downward acceleration, NED z, m/s²; an active limit also gives the vertical force priority.
     pub(crate) down_mps2: f64,
 }
 
@@ -80,12 +77,11 @@ pub(crate) struct Tracker {
 }
 
 impl Tracker {
-    /// Clears the state, e.g. after the autopilot has closed the loop.
     pub(crate) fn reset(&mut self) {
         *self = Tracker::default();
     }
 
-    /// Command that follows `stage` over the next `dt` (s), for an attitude loop of lag `lag` (s).
+    /// Command that follows `stage` over the next `dt` (s), for an attitude loop with lag `lag` (s).
     pub(crate) fn track(
         &mut self,
         stage: &PlanStage,
@@ -119,7 +115,7 @@ impl Tracker {
         let mut thrust = thrust_of_attitude(&planned, down, GRAVITY);
         let unplanned = (estimate.disturbance() - authority.planned) * authority.disturbance;
         let push = horizontal - unplanned;
-        // The feedback includes the attitude, like position and velocity, which permits their higher gains.
+        // The feedback includes the attitude in addition to position and velocity, which permits higher gains on these.
         let [roll, pitch, yaw] = stage.euler;
         let meant = thrust_of_attitude(
             &UnitQuaternion::from_euler_angles(roll, pitch, yaw),
@@ -137,8 +133,8 @@ impl Tracker {
         thrust.y += push.y;
         let thrust = tilt_limited(&thrust, c.tilt_limit_rad, c.min_thrust_of_hover * GRAVITY);
         let attitude = self.turn(attitude_of_thrust(&thrust, euler[2]), &body.attitude, dt, c);
-        // Only the component along the drone's present up axis has an effect (Lee et al. 2010), minus the
-        // air's lift.
+        // Only the component along the drone's current up axis has an effect (Lee et al. 2010), minus the aerodynamic
+        // lift.
         let up = body.attitude * -Vector3::z();
         let upright = (-up.z).max(0.5);
         let mut along = thrust.dot(&up);
@@ -194,11 +190,11 @@ impl Tracker {
 /// Attitude and thrust that bring a drone to `stage`, from its newest odometry alone, for callers without a pilot.
 /// `hover` is the collective thrust in hover, 0 to 1; the caller sets the header.
 ///
-/// The age of the odometry and the autopilot's response are unknown here, so the gains keep a margin with any of them:
+/// The age of the odometry and the autopilot's response are unknown here, so the gains leave a margin for any of them:
 /// the loop crosses over at 3.7 rad/s vertically, where 0.15 s from motion to thrust leave 41 deg, and at 1.7 rad/s
 /// horizontally, where 0.4 s of dead time and lag leave 37 deg.
 pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoint {
-    /// Time over which the rate limit bounds the turn to the command, s.
+    /// Time over which the rate limit bounds the rotation to the command, s.
     const TURN_S: f64 = 0.2;
     let c = TrackingConfig {
         horizontal_kp: 0.7,

@@ -1,4 +1,4 @@
-//! Arbitrary images and damaged files cause no panic, no false detection and no growing memory.
+//! Arbitrary images and damaged files cause no panic, no false detection and no increasing memory use.
 //!
 //! To run for minutes: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=100000 cargo test --release --workspace --test nodes
 //! camera::`.
@@ -12,7 +12,6 @@ use alight_uav::camera::node::CameraIdentity;
 use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
 use proptest::prelude::*;
 
-/// First code of the family 36h11.
 const CODE_0: u64 = 0xd_5d62_8584;
 
 #[derive(Clone, Debug)]
@@ -23,7 +22,7 @@ enum Stroke {
     Tag([u16; 2], u8, u64),
     /// Noise over the whole image: seed, strength.
     Noise(u32, u8),
-    /// Line of some width between two points.
+    /// Line between two points, with a width.
     Line([u16; 4], u8, u8),
 }
 
@@ -133,11 +132,11 @@ fn node(width: usize, height: usize) -> CameraNode {
 }
 
 thread_local! {
-    /// State left by one image affects the next, as in flight.
+    /// The state left by one image affects the next, as in flight.
     static NODE: RefCell<CameraNode> = RefCell::new(node(320, 240));
 }
 
-/// Whether a pose is detected, which has to be valid.
+/// Whether a pose is detected; asserts that it is valid.
 fn detects(node: &mut CameraNode, image: &GreyImage) -> bool {
     let Some(pose) = node.detect(image) else {
         return false;
@@ -219,7 +218,6 @@ fn camera_that_repeats_an_image() {
         .tags
         .len()
     };
-    // The drone moves on, the image does not.
     let poses: Vec<usize> = [120, 120, 120, 121, 120]
         .into_iter()
         .zip(1..)
@@ -228,7 +226,7 @@ fn camera_that_repeats_an_image() {
     assert_eq!((poses, node.counts().repeated), (vec![1, 0, 0, 1, 1], 2));
 }
 
-/// Resident memory of this process, pages; None when the system does not report it.
+/// Resident memory of this process, pages; None if the system does not report it.
 fn resident() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/self/statm").ok()?;
     text.split_whitespace().nth(1)?.parse().ok()
@@ -253,8 +251,7 @@ fn camera_memory_over_a_thousand_images() {
         resident()
     };
     if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests may use 40 MB of pages at the same time; a leak of one image per detection would take
-        // 70 MB.
+        // Other tests may use 40 MB of pages at the same time; a leak of one image per detection would use 70 MB.
         assert!(late < early + 10_000, "{early} to {late} pages");
     }
 }

@@ -1,4 +1,4 @@
-//! Numbers of MAVLink: messages, severities, estimator status bits, commands.
+//! MAVLink numbers: messages, severities, estimator status bits, commands.
 
 /// Messages whose rate Alight requests.
 pub mod id {
@@ -27,36 +27,37 @@ pub mod id {
     pub const CURRENT_MODE: u32 = 436;
 }
 
-/// Severities of a text (`MAV_SEVERITY`).
+/// Severity of a text (`MAV_SEVERITY`).
 pub mod severity {
     /// Immediate action is required.
     pub const CRITICAL: u8 = 2;
     pub const WARNING: u8 = 4;
-    /// Unusual, but not an error.
+    /// Unusual event that is not an error.
     pub const NOTICE: u8 = 5;
     pub const INFO: u8 = 6;
 }
 
 /// Bits of an estimator's status, common to both firmwares.
 pub mod estimator {
-    /// Attitude: tilt, in ArduPilot also heading.
+    /// Attitude: tilt only in PX4; tilt and heading in ArduPilot.
     pub const ATTITUDE: u16 = 1;
     pub const VELOCITY_HORIZ: u16 = 2;
     pub const VELOCITY_VERT: u16 = 4;
     /// Position by GNSS. PX4 (`EKF2`) and ArduPilot (`EKF3`) fuse GNSS only after tilt and heading are aligned.
     pub const POSITION_HORIZ_ABS: u16 = 16;
     pub const POSITION_VERT_ABS: u16 = 32;
-    /// Without a position measurement the estimator assumes a constant position.
+    /// The estimator has no position measurement and assumes a constant position.
     pub const CONSTANT_POSITION: u16 = 128;
 }
 
 pub mod command {
     /// `MAV_CMD_DO_SET_MODE`.
     pub const SET_MODE: u16 = 176;
-    /// `MAV_CMD_DO_SET_HOME`: latitude, longitude (deg) and height above the sea (m) in the last parameters.
+    /// `MAV_CMD_DO_SET_HOME`, with latitude, longitude (deg) and height above the sea (m) as the last
+    /// parameters.
     pub const SET_HOME: u16 = 179;
-    /// `MAV_CMD_MISSION_START` with first and last item 0: a restart with PX4, and with ArduCopter after a
-    /// disarm.
+    /// `MAV_CMD_MISSION_START`. With first and last item 0 it restarts the mission: always in PX4, and after
+    /// a disarm in ArduCopter.
     pub const MISSION_START: u16 = 300;
     /// `MAV_CMD_COMPONENT_ARM_DISARM`.
     pub const ARM_DISARM: u16 = 400;
@@ -64,9 +65,9 @@ pub mod command {
     pub const MESSAGE_INTERVAL: u16 = 511;
     /// `MAV_CMD_REQUEST_MESSAGE`.
     pub const REQUEST_MESSAGE: u16 = 512;
-    /// `MAV_CMD_NAV_LAND`, which makes the companion land on the vessel.
+    /// `MAV_CMD_NAV_LAND`, interpreted by the companion as an order to land on the vessel.
     pub const NAV_LAND: u16 = 21;
-    /// `MAV_CMD_NAV_TAKEOFF`, which makes the companion take off from the deck.
+    /// `MAV_CMD_NAV_TAKEOFF`, interpreted by the companion as an order to take off from the deck.
     pub const NAV_TAKEOFF: u16 = 22;
     /// `MAV_CMD_USER_1`: land.
     pub const USER_1: u16 = 31010;
@@ -74,8 +75,9 @@ pub mod command {
     pub const USER_2: u16 = 31011;
     /// `MAV_CMD_USER_3`: hold.
     pub const USER_3: u16 = 31012;
-    /// `MAV_CMD_USER_4`: station; height, m; ahead and to starboard of the deck's centre, m; duration, min.
+    /// `MAV_CMD_USER_4`: keep station. Parameters: height, m; distances ahead of and to starboard of the
+    /// deck's centre, m; duration, min.
     pub const USER_4: u16 = 31013;
-    /// Second parameter of `ARM_DISARM`: disarm in the air, too.
+    /// Second parameter of `ARM_DISARM`: disarm even in the air.
     pub const FORCE: f64 = 21196.0;
 }

@@ -1,5 +1,3 @@
-//! Tests of the moving base: fragments, dates, texts.
-
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::Seq;
 use alight_shared::node::Node as _;
@@ -11,13 +9,13 @@ use super::super::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use super::*;
 use crate::odometry::OdometryConfig;
 
-/// Valid RTCM 3 frame of `length` bytes in all.
+/// Valid RTCM 3 frame with a total of `length` bytes.
 fn rtcm(length: usize) -> Vec<u8> {
     // The message number is 1077.
     let payload = [0x43, 0x50].into_iter().chain((0..).map(|k: usize| k as u8));
     alight_shared::rtcm::frame(&payload.take(length - 6).collect::<Vec<_>>())
 }
-/// Frame as the bridge publishes it: from vessel 5, with its antenna 2 m ahead of the deck's centre.
+/// Frame as the bridge publishes it, from vessel 5 with its antenna 2 m ahead of the deck's centre.
 fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
     RtcmFrames {
         header: Header::new(5, 0, 1, 1, Time::from_secs(at_s)),
@@ -26,7 +24,7 @@ fn frame(at_s: f64, length: usize) -> RtcmFrames<DroneClock> {
     }
 }
 
-/// Receiver of `GPS_RTCM_DATA` as MAVLink defines it; it reassembles the frames.
+/// Receiver that reassembles `GPS_RTCM_DATA` frames as MAVLink defines.
 #[derive(Default)]
 struct Reader {
     sequence: u8,
@@ -66,7 +64,7 @@ fn fragments_reassembled_to_the_frame() {
     for (k, (length, count)) in (30_u8..).zip(lengths) {
         let parts = fragments(&bytes[..length], k).unwrap();
         assert_eq!(parts.len(), count, "{length}");
-        // The parts are encoded, which omits trailing zeros, and decoded.
+        // The fragments are encoded, which drops trailing zeros, and decoded again.
         for part in &parts {
             let mut decoder = Decoder::default();
             let to = Address::new(1, 191);
@@ -80,7 +78,7 @@ fn fragments_reassembled_to_the_frame() {
     assert_eq!(fragments(&bytes[..721], 0), None);
 }
 
-/// Relative place from a report with this time of week and place that arrives at `now_s`.
+/// Relative position from a report with this time of week and position that arrives at `now_s`.
 fn place(
     base: &mut MovingBase,
     now_s: f64,
@@ -115,7 +113,8 @@ fn place_dated_by_the_smallest_delay() {
         RtcmTarget::Receiver,
         taken,
     );
-    // The places are measured at 100.0 s, 100.2 s ..., across the end of the week, and delayed by at least 20 ms.
+    // Positions are measured every 0.2 s from 100.0 s on, across the end of the week, and delayed by at least
+    // 20 ms.
     let mut errors = Vec::new();
     for k in 0..40_i32 {
         let made_s = 100.0 + 0.2 * f64::from(k);
@@ -137,7 +136,7 @@ fn place_dated_by_the_smallest_delay() {
     assert_eq!(place(&mut base, 110.02, 9.0, measured), None);
 }
 
-/// The receiver's time message, which is not delayed, dates a relative place that is delayed by the radio.
+/// The receiver's time message is not delayed and dates a relative position that the radio has delayed.
 #[test]
 fn place_dated_by_the_receivers_own_time() {
     let (mut base, mut headers) = (MovingBase::default(), OutputHeaders::default());
@@ -195,7 +194,7 @@ fn place_relative_to_another_station() {
     assert_eq!(base.other_station(now, &report), None, "once");
 }
 
-/// Output at 1 s of a link that has received a PX4 and these frames of the vessel's receiver.
+/// Output at 1 s of a link that has received a PX4 heartbeat and these frames of the vessel's receiver.
 fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOut, AutopilotLink) {
     let config = AutopilotLinkConfig {
         receiver: receiver.into(),
@@ -284,7 +283,6 @@ fn texts_of_the_relative_place_on_change() {
         (1.0, Some(float)),
         (2.0, Some(fixed)),
         (3.0, Some(fixed)),
-        // A short loss and a longer one.
         (4.0, Some(float)),
         (5.0, Some(fixed)),
         (8.0, Some(float)),
@@ -294,12 +292,9 @@ fn texts_of_the_relative_place_on_change() {
     ] {
         texts.extend(reports.change(Time::from_secs(s), state.as_ref()));
     }
-    let fixed = (
-        severity::INFO,
-        "Moving base fixed: relative place to 2 cm".to_owned(),
-    );
+    let fixed = (severity::INFO, "Moving base fixed: position to 2 cm".to_owned());
     let lost = |why: &str| (severity::WARNING, format!("Moving base lost: {why}"));
-    let off = "Moving base off by 0.50 m by the tags: not used";
+    let off = "Moving base 0.50 m off the tags: not used";
     let expected = [
         fixed.clone(),
         lost("float solution"),

@@ -10,7 +10,7 @@ fn at(s: f64) -> DroneTime {
 }
 const STATION: Address = Address::new(255, 190);
 const REJECTED: CommandOutcome = Rejected(TemporarilyRejected, UNAWARE);
-/// The remote control does not block orders, and the link accepts them.
+/// The remote control does not block orders, and orders on the link are accepted.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
 fn new(command: u16) -> StationCommand {
@@ -69,7 +69,7 @@ fn station_orders_unaware_of_an_abort() {
         [lands(&mut orders, 10.5, first), lands(&mut orders, 11.5, first)],
         [REJECTED, ordered]
     );
-    // Certain and possible repetitions of a former order.
+    // Certain and possible repetitions of an earlier order.
     for again in [Repetition::Yes, Repetition::Perhaps] {
         assert_eq!(
             [lands(&mut orders, 13.0, again), lands(&mut orders, 26.0, again)],
@@ -93,7 +93,7 @@ fn station_order_whose_answer_was_lost() {
         orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
-    // A repetition after a lost answer is answered without a new order.
+    // A repetition after a lost answer is answered again without a new order.
     orders.give(LAND, STATION, given(1, 30.0));
     assert!(orders.poll(at(31.0), Some(&tracking(31.0))).1.is_some());
     assert_eq!(
@@ -109,7 +109,7 @@ fn station_order_whose_answer_was_lost() {
     ] {
         assert_eq!(again(&mut orders, 33.0, from, repetition), ordered);
     }
-    // The former answer is not reused after the landing was stopped.
+    // The previous answer is not reused after the landing has been stopped.
     orders.stopped(at(34.0));
     assert_eq!(again(&mut orders, 35.5, STATION, Repetition::Yes), REJECTED);
 }
@@ -142,7 +142,7 @@ fn station_abort_after_a_landing_from_elsewhere() {
     };
     let (_, answer) = orders.poll(at(10.1), Some(&mission));
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
-    // Another operator orders a landing without the stations' knowledge.
+    // The stations do not know of a landing that another operator orders.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
         let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
@@ -285,7 +285,7 @@ fn station_in_place_of_another() {
     assert!(matches!(other, Order(kind) if kind != first), "{other:?}");
 }
 
-/// The mission also acknowledges orders that it does not carry out.
+/// The mission also acknowledges orders that it rejects.
 #[test]
 fn station_order_that_the_mission_rejects() {
     let mut orders = StationOrders::default();
@@ -303,7 +303,7 @@ fn station_order_that_the_mission_rejects() {
     assert!(answer.text.unwrap().starts_with("no station from here: "));
 }
 
-/// A landed drone rejects an order to land with the full reason.
+/// A landed drone rejects an order to land and gives the full reason.
 #[test]
 fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();

@@ -12,10 +12,10 @@ use super::extension::{
 };
 use super::{text, wide};
 
-/// Standard gravity in `SCALED_IMU`, m/s² per mG.
+/// Factor of `SCALED_IMU`, m/s² per mG.
 const MILLI_G: f64 = 9.806_65e-3;
 
-/// Decodes the messages that Alight uses, with extension fields from the payload.
+/// Decodes the messages that Alight uses, with extension fields taken from the payload.
 pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<MavlinkMessage> {
     use m::MavMessage as M;
     Some(match message {
@@ -59,7 +59,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
             let is_invalid = payload.u8(DISTANCE_QUALITY_AT) == DISTANCE_INVALID;
             MavlinkMessage::Distance(DistanceReport {
                 time_ms: d.time_boot_ms,
-                // 0 m is invalid: rangefinders cannot measure it.
+                // 0 m is invalid, because rangefinders cannot measure it.
                 range_m: if is_invalid {
                     0.0
                 } else {
@@ -145,7 +145,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
         M::FOLLOW_TARGET(d) => MavlinkMessage::FollowTarget(PlaceReport {
             latitude_deg: f64::from(d.lat) * 1e-7,
             longitude_deg: f64::from(d.lon) * 1e-7,
-            // Zeros mean an unknown velocity.
+            // Zeros mean that the velocity is unknown.
             velocity: Some([d.vel[0], d.vel[1]].map(f64::from)).filter(|v| *v != [0.0; 2]),
             error_m: Some(f64::from(d.position_cov[0])).filter(|m| *m > 0.0 && m.is_finite()),
         }),
@@ -273,7 +273,7 @@ pub(super) fn decode(message: m::MavMessage, payload: Fields<'_>) -> Option<Mavl
     })
 }
 
-/// The velocity needs a valid speed and course.
+/// The velocity requires a valid speed and course.
 fn ais(d: &m::AIS_VESSEL_DATA) -> AisReport {
     let valid = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
     let (sin, cos) = (f64::from(d.COG) * 0.01).to_radians().sin_cos();
@@ -298,7 +298,7 @@ fn parameter(value: f32, kind: m::MavParamType) -> ParameterValue {
     }
 }
 
-/// Voltage of a battery, V, from its cells' in mV; the first one may be the total; 65535: not measured.
+/// Battery voltage, V, from its cell voltages, mV. The first one may be the total; 65535: not measured.
 fn volts(cells: &[u16]) -> Option<f64> {
     let known = cells.iter().filter(|v| !matches!(**v, 0 | u16::MAX));
     let sum: f64 = known.map(|v| f64::from(*v)).sum();
@@ -307,7 +307,7 @@ fn volts(cells: &[u16]) -> Option<f64> {
 
 fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport> {
     use m::MavFrame as F;
-    // Other frames are not NED, e.g. a camera's.
+    // Other frames, e.g. a camera's, are not NED.
     if d.frame_id != F::MAV_FRAME_LOCAL_NED {
         return None;
     }
@@ -317,7 +317,7 @@ fn odometry(d: &m::ODOMETRY_DATA, payload: Fields<'_>) -> Option<OdometryReport>
         _ => return None,
     };
     let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
-    // Upper triangles of 6 x 6, row by row; the first element of an unknown covariance is NaN.
+    // Upper triangles of 6 x 6 matrices, row by row; the first element of an unknown covariance is NaN.
     let known = p[0].is_finite() && v[0].is_finite();
     Some(OdometryReport {
         time_us: d.time_usec,

@@ -4,7 +4,7 @@ use num_traits::FromPrimitive;
 use super::super::message::{MavlinkMessage, ParameterValue};
 use super::{chars, narrow};
 
-/// None for a payload that is encoded byte by byte, or a number unknown to the dialect.
+/// Encodes a message; None if its payload is encoded byte by byte, or for a number unknown to the dialect.
 pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
     use m::MavMessage as M;
     Some(match message {
@@ -100,7 +100,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             current_a,
         } => M::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
             id: *number,
-            // Voltage of the whole battery as its first cell, mV, and current, cA.
+            // Battery voltage as that of the first cell, mV, and current, cA.
             voltages: core::array::from_fn(|k| match voltage_v {
                 Some(v) if k == 0 => (v * 1e3).round() as u16,
                 Some(_) | None => u16::MAX,
@@ -189,7 +189,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             M::COMMAND_INT(d)
         }
         MavlinkMessage::Position(p) => {
-            // All fields are used, but neither autopilot uses the time.
+            // All fields are used except the time, which neither autopilot evaluates.
             let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
             (d.target_system, d.target_component) = (p.to.system, p.to.component);
             d.coordinate_frame = m::MavFrame::MAV_FRAME_LOCAL_NED;
@@ -223,7 +223,7 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<m::MavMessage> {
             d.data.get_mut(..data.len())?.copy_from_slice(data);
             M::GPS_RTCM_DATA(d)
         }
-        // From the drone's own receiver, never sent.
+        // Received from the drone's own receiver, never sent.
         MavlinkMessage::RelativePlace(_) => return None,
         // Encoded byte by byte.
         MavlinkMessage::Odometry(_)

@@ -1,4 +1,4 @@
-//! Messages with MAVLink 2 extension fields or of other dialects, encoded by offset.
+//! Messages with MAVLink 2 extension fields, or from other dialects, encoded by byte offset.
 
 use alight_shared::mavlink::{CharArray, Fields, dialect as m};
 
@@ -8,7 +8,7 @@ use super::super::message::{
 };
 use super::chars;
 
-/// Name of the float array for the deck.
+/// Name of the float array that carries the deck.
 const DECK: &str = "deck";
 
 /// Consecutive little-endian fields.
@@ -43,7 +43,7 @@ const TARGET_IS_VALID_AT: usize = 59;
 const LIST_AT: usize = 20;
 const MISSION_TOTAL_AT: usize = 2;
 const MISSION_STATE_AT: usize = 4;
-/// `target_system` of `COMMAND_ACK`; the component follows.
+/// `target_system` of `COMMAND_ACK`, followed by the component.
 pub(super) const ACK_TO_AT: usize = 8;
 
 /// `LANDING_TARGET`: time, angles (unused), distance, size; number, frame; extension: position, attitude,
@@ -91,7 +91,6 @@ pub(super) fn target_absolute(t: &TargetAbsolute) -> Vec<u8> {
         .bytes(&[0, 1 | 2])
         .0
 }
-/// Landing target with a position in a known frame.
 fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
     let number = payload.u8(TARGET_FRAME_AT);
     let frame = TargetFrame::ALL.into_iter().find(|f| f.number() == number)?;
@@ -104,9 +103,9 @@ fn read_landing_target(payload: Fields<'_>) -> Option<LandingTarget> {
         size_m: payload.float(TARGET_SIZE_AT),
     })
 }
-/// Length of one `STATUSTEXT`.
+/// Maximum length of one `STATUSTEXT`, bytes.
 const TEXT: usize = 50;
-/// `STATUSTEXT`s: severity, text; extension: text number (0: one part), part number; the last is not full.
+/// `STATUSTEXT`s: severity, text; extension: text number (0: single part), part number; the last part is not full.
 pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>> {
     let number = if text.len() > TEXT { number } else { 0 };
     let full = text.as_bytes().chunks_exact(TEXT);
@@ -121,7 +120,7 @@ pub(super) fn status_texts(severity: u8, text: &str, number: u16) -> Vec<Vec<u8>
     };
     (0..=u8::MAX).zip(parts).map(part).collect()
 }
-/// `COMMAND_ACK`: command, result; extension: progress (255: unknown), second result, receiver.
+/// `COMMAND_ACK`: command, result; extension: progress (255: unknown), second result, addressee.
 pub(super) fn command_ack(command: u16, result: CommandResult, to: Address) -> Vec<u8> {
     let number = match result {
         CommandResult::Accepted => m::MavResult::MAV_RESULT_ACCEPTED,
@@ -204,7 +203,7 @@ pub(super) fn mission_current(total: u16, state: u8) -> Vec<u8> {
     row.bytes(&[state, 0]).0
 }
 
-/// Decodes messages whose content is in the extension, and ArduPilot's own.
+/// Decodes messages whose content is in extension fields, and messages specific to ArduPilot.
 pub(super) fn read(number: u32, payload: Fields<'_>) -> Option<MavlinkMessage> {
     match number {
         // Decoded by offset, so that an unknown flag does not invalidate the message.
@@ -237,7 +236,7 @@ mod tests {
     use super::*;
     use alight_shared::geodesy::Datum;
 
-    /// Offsets and lengths of MAVLink's development dialect.
+    /// Offsets and lengths as in MAVLink's development dialect.
     #[test]
     fn targets_by_their_places() {
         let bytes = target_relative(&TargetRelative {

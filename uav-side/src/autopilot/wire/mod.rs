@@ -1,6 +1,6 @@
-//! MAVLink 2 frames of the drone: [`Encoder`] and [`Decoder`] convert [`MavlinkMessage`]s in both directions,
-//! so that a test or the simulation can be the other end. Neither panics on any input; damaged, unknown and
-//! unused frames are counted and skipped.
+//! MAVLink 2 frames of the drone. [`Encoder`] and [`Decoder`] convert [`MavlinkMessage`]s in both directions, so a test
+//! or the simulation can be the other end. Neither panics on any input; damaged, unknown and unused frames are counted
+//! and skipped.
 
 mod decode;
 mod encode;
@@ -14,7 +14,7 @@ use super::message::{Address, MavlinkFrame, MavlinkMessage};
 
 const MAX_SEVERITY: u8 = 7;
 
-/// From a stream of bytes in arbitrary parts.
+/// Decodes a byte stream that arrives in arbitrary chunks.
 #[derive(Default)]
 pub struct Decoder {
     frames: FrameReader,
@@ -22,7 +22,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Checks signatures if a key is set; a ground station's abort is accepted at any clock time.
+    /// Checks signatures if a key is set. A ground station's abort is accepted at any clock time.
     pub fn signed(signing: Option<Signing>) -> Decoder {
         Decoder {
             frames: FrameReader::signed(signing).whenever(is_abort),
@@ -32,7 +32,7 @@ impl Decoder {
     pub fn push(&mut self, bytes: &[u8]) {
         self.frames.push(bytes);
     }
-    /// None until more bytes arrive.
+    /// Next frame; None until more bytes arrive.
     pub fn next_frame(&mut self) -> Option<MavlinkFrame> {
         loop {
             let raw = self.frames.next_frame()?;
@@ -60,7 +60,7 @@ impl Decoder {
     }
 }
 
-/// Encodes numbered frames, signed if a key is set.
+/// Encodes frames with sequence numbers, signed if a key is set.
 #[derive(Default)]
 pub struct Encoder {
     sequence: u8,
@@ -94,7 +94,7 @@ impl Encoder {
     }
 }
 
-/// Whether this is a `COMMAND_LONG` or `COMMAND_INT` that aborts (with the command at the same offset).
+/// Whether this is a `COMMAND_LONG` or `COMMAND_INT` with an abort; both have the command at the same offset.
 fn is_abort(id: u32, fields: Fields<'_>) -> bool {
     matches!(id, 75 | 76) && fields.u16(28) == super::message::command::USER_2
 }
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// DISTANCE_SENSOR of 1.5 m downwards, with this quality.
+    /// DISTANCE_SENSOR that reports 1.5 m downwards with this quality.
     fn distance(quality: u8) -> Vec<u8> {
         let mut payload = 7_u32.to_le_bytes().to_vec();
         payload.extend([10_u16, 1000, 150].into_iter().flat_map(u16::to_le_bytes));
@@ -165,7 +165,7 @@ mod tests {
         mavlink::encode(from, Outgoing::new(132, 85, payload), None)
     }
 
-    /// A ground station's clock is set back after it was ahead.
+    /// A ground station's clock was ahead and is set back.
     #[test]
     fn abort_whatever_the_clock_shows() {
         use super::super::message::{CommandLong, command};
@@ -193,7 +193,7 @@ mod tests {
     }
 
     proptest! {
-        /// A long text arrives in parts with one number, each but the last full.
+        /// A long text arrives in parts with a common number; every part but the last is full.
         #[test]
         fn texts_in_parts(text in "[ -~]{0,220}") {
             let mut decoder = Decoder::default();

@@ -1,6 +1,6 @@
-//! Identification of markers by their blinking codes (Walter et al. 2019, section IV). Bright spots are
-//! tracked from image to image, through dark images at their predicted positions. The last images of each
-//! spot are compared with the codes in every phase.
+//! Identifies markers by their blinking codes (Walter et al. 2019, section IV). Bright spots are tracked from image to
+//! image; in images in which they are dark, at their predicted positions. The recent history of each spot is compared
+//! with the codes in every phase.
 
 use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::Vector2;
@@ -11,7 +11,7 @@ use super::blobs::Blob;
 pub const MAX_BITS: usize = 32;
 const MAX_TRACKS: usize = 64;
 
-/// Code of a marker: bits, the first in the lowest position.
+/// Code of a marker; the first bit is the lowest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Code {
     bits: u32,
@@ -34,11 +34,10 @@ impl Code {
     pub fn lit(&self, k: u64) -> bool {
         (self.bits >> (k % self.length as u64)) & 1 == 1
     }
-    /// Length of the code, images.
     pub fn images(&self) -> usize {
         self.length
     }
-    /// Longest dark period of the repeated code, images.
+    /// Longest dark period of the repeating code, images.
     pub fn max_dark(&self) -> usize {
         let mut longest = 0;
         let mut dark = 0;
@@ -48,7 +47,7 @@ impl Code {
         }
         longest
     }
-    /// Minimum number of bits, over all phases, in which `observed` (newest lowest) differs from the code.
+    /// Minimum over all phases of the number of bits in which `observed` (newest bit lowest) differs from the code.
     fn distance(&self, observed: u32) -> u32 {
         let mask = u32::MAX >> (32 - self.length as u32);
         (0..self.length)
@@ -63,7 +62,7 @@ impl Code {
             .min()
             .unwrap_or(u32::MAX)
     }
-    /// Minimum number of differing bits of two codes of the same length, over all phases.
+    /// Minimum over all phases of the number of bits in which two codes of equal length differ.
     pub fn apart(&self, other: &Code) -> u32 {
         let backwards = (0..other.length).fold(0_u32, |bits, k| {
             bits | (((other.bits >> (other.length - 1 - k)) & 1) << k)
@@ -77,7 +76,7 @@ struct Track {
     at: Vector2<f64>,
     velocity: Vector2<f64>,
     last: Time<DroneClock>,
-    /// Whether the spot was lit in each of the last images, with the newest in the lowest bit.
+    /// Whether the spot was lit in each of the last images, newest in the lowest bit.
     observed: u32,
     images: u32,
     dark: usize,
@@ -103,7 +102,7 @@ pub struct BlinkTracker {
 }
 
 impl BlinkTracker {
-    /// Tracker for an image every `period`; a spot is within `gate_px` of its prediction.
+    /// Tracker for one image every `period`; a spot must be within `gate_px` of its prediction.
     pub fn new(codes: Vec<Code>, wrong_bits: u32, gate_px: f64, period: Span) -> BlinkTracker {
         BlinkTracker {
             max_dark: codes.iter().map(Code::max_dark).max().unwrap_or(0),
@@ -116,7 +115,7 @@ impl BlinkTracker {
         }
     }
     pub fn step(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<IdentifiedMarker> {
-        // Bits of lost images are unknown, so all tracks start again.
+        // Bits of lost images are unknown, so all tracks restart.
         let gap = self
             .last
             .map_or(f64::INFINITY, |last| (at - last).secs() / self.period.secs());
@@ -147,7 +146,7 @@ impl BlinkTracker {
         }
         self.known()
     }
-    /// Assigns to each track the nearest spot to its predicted position. Returns which spots are assigned.
+    /// Assigns to each track the spot nearest to its predicted position. Returns which spots are assigned.
     fn follow(&mut self, at: Time<DroneClock>, blobs: &[Blob]) -> Vec<bool> {
         let mut taken = vec![false; blobs.len()];
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
@@ -178,7 +177,7 @@ impl BlinkTracker {
             *used = true;
             let age = (at - track.last).secs().max(1e-6);
             let velocity = (blob.at - track.at) / age;
-            // The first difference is the velocity; later ones are averaged.
+            // The first difference gives the velocity; later ones are averaged.
             let gain = if track.images < 2 { 1.0 } else { 0.4 };
             track.velocity += (velocity - track.velocity) * gain;
             track.at = blob.at;
@@ -187,7 +186,7 @@ impl BlinkTracker {
         }
         taken
     }
-    /// Lit spots that match exactly one marker; a marker with two matching spots is left out.
+    /// Lit spots that match exactly one marker, except for markers matched by two spots.
     fn known(&self) -> Vec<IdentifiedMarker> {
         let mut claims: Vec<(u32, IdentifiedMarker)> = Vec::new();
         for track in self.tracks.iter().filter(|t| t.lit_now) {

@@ -2,7 +2,7 @@ use nalgebra::Vector2;
 
 use crate::camera::image::GreyImage;
 
-/// Maximum number of spots in an image; the brightest ones are kept.
+/// Maximum number of spots per image; the brightest are kept.
 pub const MAX_BLOBS: usize = 64;
 
 /// Maximum number of runs of bright pixels; an image with more shows glare or noise.
@@ -20,12 +20,12 @@ pub struct Blob {
 pub struct BlobLimits {
     /// Minimum grey level of a spot's pixels.
     pub threshold: u8,
-    /// Maximum number of pixels: markers are small, the sun and its reflections are not.
+    /// Maximum number of pixels: markers are small, unlike the sun and its reflections.
     pub max_pixels: usize,
 }
 
-/// Connected pixels above the threshold, row by row from the top. A row's runs are joined with those of the
-/// row above, and only the brightest spots are kept, so that time and memory are bounded.
+/// Connected pixels above the threshold, scanned row by row from the top. Runs of a row are joined with those of the
+/// row above, and only the brightest spots are kept, so time and memory are bounded.
 pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
     let mut open: Vec<(usize, usize, usize)> = Vec::new();
     let mut groups = Groups::default();
@@ -50,7 +50,7 @@ pub fn find(image: &GreyImage, spot: &BlobLimits) -> Vec<Blob> {
             runs.push((start, end, group));
             from = end;
         }
-        // Runs of both rows from the left; touching runs belong to one spot.
+        // Scans the runs of both rows from the left; touching runs belong to one spot.
         let mut above = open.iter().peekable();
         for (start, end, group) in &runs {
             while let Some((_, right, _)) = above.peek()
@@ -157,7 +157,7 @@ mod tests {
 
     #[test]
     fn blob_centre() {
-        // A "U", whose legs meet in the last row, and a pixel that touches it at a corner.
+        // A "U" whose legs join in the last row, and a pixel that touches it at a corner.
         let u = [
             (10, 10, 150),
             (12, 10, 150),
@@ -172,7 +172,7 @@ mod tests {
         assert_eq!(blobs.len(), 1, "{blobs:?}");
         let two = find(&image(&[(5, 5, 200), (6, 5, 150), (40, 30, 255)]), &SPOT);
         assert_eq!(two.len(), 2);
-        // With light of 101 and 51 the centroid is at a third of the distance.
+        // With light of 101 and 51 the centroid lies at a third of the distance.
         let left = two.iter().find(|b| b.at.x < 20.0).unwrap();
         assert!((left.at.x - (5.0 + 51.0 / 152.0)).abs() < 1e-9 && (left.at.y - 5.0).abs() < 1e-9);
     }

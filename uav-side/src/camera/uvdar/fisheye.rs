@@ -10,20 +10,20 @@ const MAX_STEPS: usize = 20;
 config! {
     /// Wide lens with its image size.
     ///
-    /// Defaults: 180 deg on 640 x 480 px, with a circle as high as the image.
+    /// Defaults: 180 deg on 640 x 480 px, with an image circle as high as the image.
     #[derive(Copy)]
     pub struct Fisheye {
         /// Width of the image, px.
         pub width_px: u32 = 640;
         /// Height of the image, px.
         pub height_px: u32 = 480;
-        /// Scale along the image's two axes, px/rad.
+        /// Scale along the two image axes, px/rad.
         pub focal_px: [f64; 2] = [152.0, 152.0];
         /// Principal point, px.
         pub centre_px: [f64; 2] = [319.5, 239.5];
         /// Coefficients k1 to k4 of the third, fifth, seventh and ninth power of the angle from the axis.
         pub distortion: [f64; 4] = [0.0; 4], in -2.0..=2.0;
-        /// Full angle of the lens's cone, deg.
+        /// Full cone angle of the lens, deg.
         pub cone_deg: f64 = 180.0, in 10.0..=240.0;
     }
     check |this, at| {
@@ -39,7 +39,7 @@ config! {
             grows,
             "distortion",
             format!("{:?}", this.distortion),
-            "coefficients with which the angle in the image increases with the true angle over the cone",
+            "coefficients for which the image angle increases with the true angle over the whole cone",
         )?;
     }
 }
@@ -68,7 +68,7 @@ impl Fisheye {
             (p.xy() * scale).component_mul(&Vector2::from(self.focal_px)) + Vector2::from(self.centre_px);
         Some(px)
     }
-    /// Direction of a pixel, a unit vector; None outside the cone.
+    /// Direction of a pixel as a unit vector; None outside the cone.
     pub fn direction(&self, px: Vector2<f64>) -> Option<Vector3<f64>> {
         let at = (px - Vector2::from(self.centre_px)).component_div(&Vector2::from(self.focal_px));
         let goal = at.norm();

@@ -1,5 +1,5 @@
-//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"),
-//! identified by their codes. They give the deck's position from further away than the tag.
+//! Blinking ultraviolet markers (Walter et al. 2019, "UVDAR system for visual relative localization"), identified by
+//! their codes. They give the deck's position from farther away than the tag.
 //!
 //! Read in this order: [`blobs`], [`blink`], [`fisheye`], [`pose`].
 
@@ -24,7 +24,7 @@ pub use fisheye::Fisheye;
 use pose::{MarkerBearing, PosePrior, solve};
 
 pub const MAX_MARKERS: usize = 16;
-/// Time after a fix for which its attitude is used, s.
+/// Time for which the attitude of a fix is used, s.
 const ATTITUDE_MEMORY_S: f64 = 0.5;
 /// Minimum number of bits in which two codes differ.
 const MIN_CODE_DISTANCE: u32 = 3;
@@ -36,9 +36,10 @@ config! {
         pub lens: Fisheye;
         /// Angle of the optical axis below the body's forward axis, deg.
         pub tilt_down_deg: f64 = 45.0, in -90.0..=90.0;
-        /// Optical centre relative to the belly camera's, in that camera's axes (right, aft, down), m.
+        /// Position of the optical centre relative to the belly camera's, in the belly camera's axes (right, aft,
+        /// down), m.
         pub offset_m: [f64; 3] = [0.0; 3], in -5.0..=5.0;
-        /// Images per second, equal to the markers' bits per second.
+        /// Image rate, Hz, equal to the markers' bit rate.
         pub rate_hz: f64 = 20.0, in 1.0..=200.0;
         /// Minimum grey level of a marker.
         pub threshold: u8 = 80, in 5.0..=255.0;
@@ -57,9 +58,9 @@ config! {
         pub codes: Vec<String> = ["001001001011", "001001100101", "001010101111", "001100110111"]
                 .map(String::from)
                 .to_vec();
-        /// Number of tolerated wrong bits in a code.
+        /// Number of wrong bits tolerated in a code.
         pub wrong_bits: u32 = 1, in 0.0..=3.0;
-        /// Maximum deviation of a spot from its predicted position between images, px.
+        /// Maximum deviation of a spot from its predicted position in the next image, px.
         pub gate_px: f64 = 6.0, in 0.5..=100.0;
         /// Standard deviation of a spot's position, each coordinate, px.
         /// Chosen: three times that of rendered images.
@@ -74,7 +75,7 @@ config! {
             (2..=MAX_MARKERS).contains(&this.markers_m.len()) && this.markers_m.len() == this.codes.len(),
             "markers_m, codes",
             format!("{} and {}", this.markers_m.len(), this.codes.len()),
-            "2 to 16 markers, a code for each",
+            "2 to 16 markers, one code for each",
         )?;
         for marker in &this.markers_m {
             at.ranges("markers_m", marker, -50.0, 50.0)?;
@@ -88,7 +89,7 @@ config! {
                 && codes.iter().enumerate().all(apart),
             "codes",
             format!("{:?}", this.codes),
-            "4 to 32 bits 0 and 1 each, all of one length, any two at least 3 bits apart in every phase",
+            "4 to 32 bits (0 or 1) each, all of equal length, any two at least 3 bits apart in every phase",
         )?;
     }
 }
@@ -109,9 +110,9 @@ pub struct UvdarCounts {
     pub images: u64,
     pub fixes: u64,
     pub markers: u64,
-    /// Images with a single marker, which has a direction without a distance.
+    /// Number of images with a single marker, which gives a direction but no distance.
     pub single: u64,
-    /// Images whose markers fit no position or several.
+    /// Number of images whose markers fit no position, or several.
     pub misfit: u64,
     pub wrong_size: u64,
 }
@@ -122,7 +123,7 @@ pub struct UvdarNode {
     belly_from_uv: UnitQuaternion<f64>,
     known: PosePrior,
     exposures: Exposures,
-    /// Attitude of the newest fix, from the deck to the camera.
+    /// Attitude of the newest fix, from deck to camera.
     last_attitude: Option<(Time<DroneClock>, UnitQuaternion<f64>)>,
     pub counts: UvdarCounts,
 }

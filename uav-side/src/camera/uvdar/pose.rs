@@ -1,10 +1,10 @@
 //! Pose of the deck from the directions of known markers, by least squares on the sphere.
 //!
-//! The unknowns are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the
-//! deck's axes lies in the direction `p = R m + t`; its residual is the angle to the measured direction, in
-//! two axes, over the bearing's standard deviation. The prior of the deck's tilt adds two residuals, which
-//! select one of the two tilts that a small square permits and make two markers sufficient. Two markers have
-//! two solutions, a deck's width apart; the one near the previous image's attitude is chosen if it is unique.
+//! The unknowns are the deck's centre `t` and attitude `R` in the camera's axes. A marker at `m` in the deck's axes
+//! lies in the direction `p = R m + t`; its residual is the angle to the measured direction in two axes, divided by the
+//! bearing's standard deviation. The prior of the deck's tilt adds two residuals, which select one of the two tilts
+//! that a small square permits, and with which two markers suffice. Two markers have two solutions, a deck's width
+//! apart; the one near the previous image's attitude is chosen if it is unique.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, UnitQuaternion, UnitVector3, Vector2, Vector3, Vector6};
 
@@ -19,11 +19,12 @@ const LIMITS: RefinementLimits = RefinementLimits {
     absolute_gain: 1e-12,
     step: 0.0,
 };
-/// Difference of the sums of squared residuals below which another solution is a rival: 3 sigma.
+/// Difference between sums of squared residuals below which another solution counts as a rival: 3 sigma.
 const RIVAL: f64 = 9.0;
-/// Distance between solutions, as a fraction of the range, below which they are the same.
+/// Distance between solutions, as a fraction of the range, below which they count as the same.
 const SAME_FRACTION: f64 = 0.02;
-/// Maximum rotation from the previous attitude to a solution, rad, and factor by which rivals' are larger.
+/// Maximum rotation from the previous attitude to a solution, rad, and the factor by which that of its rivals must be
+/// larger.
 const CONTINUITY_RAD: f64 = 0.5;
 const RIVAL_TURNS: f64 = 2.0;
 
@@ -38,7 +39,7 @@ pub struct MarkerBearing {
 pub struct PosePrior {
     /// Standard deviation of a direction, each of two axes, rad.
     pub bearing_sd: f64,
-    /// Down in the camera's axes for a level drone, a unit vector.
+    /// Down as a unit vector in the camera's axes, for a level drone.
     pub down: Vector3<f64>,
     /// Standard deviation of the deck's normal relative to `down`, each of two axes, rad.
     pub tilt_sd: f64,
@@ -96,7 +97,7 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
         }
         let unit = p / range;
         let plane = across(&one.direction)?;
-        // A point opposite to the measured direction would be a mirror solution.
+        // A point opposite to the measured direction is a mirror solution.
         if !(unit.dot(&one.direction) > 0.0) {
             return None;
         }
@@ -119,7 +120,7 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
     cost.is_finite().then_some((a, b, cost))
 }
 
-/// The only one of `rivals` (equally good solutions, best first) near the attitude `last`; otherwise None.
+/// The only one of `rivals` (equally good solutions, best first) that is near the attitude `last`, or None.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
         return Some(alone);
@@ -136,7 +137,7 @@ fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Opt
     (*smallest < CONTINUITY_RAD && *next > RIVAL_TURNS * smallest).then_some(found)
 }
 
-/// Solves from two markers or more. None for no position, or several that `last` does not resolve.
+/// Solves with two or more markers. None if there is no position, or several that `last` cannot resolve.
 pub fn solve(
     bearings: &[MarkerBearing],
     known: &PosePrior,
@@ -239,7 +240,7 @@ mod tests {
             let t = Vector3::new(side, up, 1.0).normalize() * range;
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
             let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
-            // From afar the previous attitude selects one of two positions that may fit equally.
+            // At long range the previous attitude selects one of two positions that may fit equally well.
             let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
             let pose = solve(&bearings(t, r, 4), &known, None).or_else(followed).unwrap();
             // A tilted deck is biased towards level, by less than the stated uncertainty.

@@ -18,7 +18,6 @@ fn withdrawn(urgency: f64, s: &Situation) -> Option<Reason> {
     (s.reservation.lost()).or_else(|| turns.then(|| VesselTurns.into()))
 }
 
-/// Reason not to begin the flare at the decision clearance.
 fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
     first_beyond([
         (
@@ -33,12 +32,12 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
 /// Cone of a descent: radius at the deck, m, and its increase per metre of clearance.
 const CONE_M: f64 = 1.0;
 const CONE_SLOPE: f64 = 0.3;
-/// Duration of a new attempt, s, and its probability of a harmful contact. A landing is broken off if its
-/// probability falls short of the required one by more than the cost of both.
+/// Duration of a new attempt, s, and its probability of a harmful contact. A landing is broken off if its probability
+/// falls below the required one by more than the cost of both.
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
-/// Violated condition of a landing in progress; `blind_s`: maximum time without vision.
+/// Violated condition of a landing in progress. `blind_s`: maximum time without vision.
 fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
     let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
@@ -52,17 +51,17 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
-/// Tilt beyond the commanded one at which the attitude is lost, rad: 10 deg; landings reach 2 deg.
+/// Tilt in excess of the commanded one at which attitude control is lost, rad: 10 deg; landings reach 2 deg.
 const MAX_TILT_EXCESS_RAD: f64 = 0.175;
-/// Clearance below which the deck may tilt a drone, m: the forecast's error.
+/// Clearance below which the deck itself may tilt a drone, m: the forecast's error.
 const MAY_TOUCH_M: f64 = 0.3;
 
-/// Reason if the attitude is being lost; a climb's higher thrust restores the rotors' torque.
+/// Reason if attitude control is being lost; the higher thrust of a climb restores the rotors' torque.
 fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
     exceeds(TiltExcess, s.tilt_excess_rad, MAX_TILT_EXCESS_RAD).filter(|_| deck.clearance_m > MAY_TOUCH_M)
 }
 
-/// Descends to the flare, with a pause at the decision clearance until the flare's conditions are met.
+/// Descends to the flare, pausing at the decision clearance until the flare's conditions are met.
 pub(super) fn descent(
     violated: Option<DroneTime>,
     paused: Option<DroneTime>,
@@ -110,10 +109,10 @@ pub(super) fn descent(
     MissionPhase::Descent { violated, paused }.stay(stopped.or(violation).unwrap_or(sinking))
 }
 
-/// Distance above the lowest plan within which the drone follows the deck, m: heave that it does not follow.
+/// Distance above the lowest plan within which the drone follows the deck, m: the heave that it does not follow.
 const MATCHED_WITHIN_M: f64 = 0.5;
 
-/// End of a descent without landing: a climb after following the deck at the lowest plan since `matched`.
+/// Ends a descent without a landing: the drone climbs after following the deck at the lowest plan since `matched`.
 fn matching(
     lowest_m: f64,
     violated: Option<DroneTime>,
@@ -140,7 +139,7 @@ fn matching(
     MissionPhase::Descent { violated, paused }.stay(violation.unwrap_or(waits))
 }
 
-/// Flares until touchdown; a missed or lost deck breaks it off, as do soft reasons until it is committed.
+/// Flares until touchdown. A missed or lost deck breaks off the flare; until it is committed, soft reasons do as well.
 pub(super) fn flare(
     committed: bool,
     violated: Option<DroneTime>,

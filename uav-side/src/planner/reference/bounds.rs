@@ -1,4 +1,4 @@
-//! Bounds of references and plans by the water, the lowest clearance and volumes around the deck.
+//! Bounds on references and plans due to the water, the minimum clearance, and volumes around the deck.
 
 use alight_shared::msg::DeckStage;
 use nalgebra::Vector3;
@@ -10,10 +10,10 @@ use super::{PlanReference, ReferenceGenerator};
 use crate::contingency::NEAR_DECK_M;
 use crate::surroundings::{Passage, margin_m};
 
-/// Distance of the plan's bound below the reference's lowest clearance, m; a plan that follows the reference
-/// does not reach it.
+/// Distance of the plan's bound below the reference's minimum clearance, m; a plan that follows the reference does not
+/// reach it.
 const UNDERCUT_M: f64 = 0.2;
-/// Widening of the deck's outline within which the minimum altitude does not apply, m.
+/// Amount by which the deck's outline is widened for the area without a minimum altitude, m.
 const OUTLINE_MARGIN_M: f64 = 0.5;
 
 impl ReferenceGenerator {
@@ -55,8 +55,8 @@ impl ReferenceGenerator {
         }
         let stages = problem.reference.iter_mut().zip(reference.deck.iter().skip(1));
         for (stage, (r, deck)) in stages.enumerate() {
-            // Leaving one volume may lead into another. Two passes suffice for two volumes; a third has only
-            // its soft bound.
+            // Leaving one volume may lead into another. Two passes suffice for two volumes; a third volume has only its
+            // soft bound.
             let passages = reference.passages.iter();
             let from = problem.sides.len();
             let sides = passages.filter_map(|p| p.side(deck));
@@ -79,7 +79,7 @@ impl ReferenceGenerator {
         self.keep_above(reference, problem);
     }
 
-    /// Soft upper bound of z: above volumes that the plan passes over, and off the deck above the water.
+    /// Soft upper bound of z: above volumes that the plan passes over and, away from the deck, above the water.
     pub fn ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
         let water_z = self.water_ceiling(reference, stage, x, y);
         let Some(deck) = reference.deck.get(stage + 1) else {
@@ -89,8 +89,8 @@ impl ReferenceGenerator {
         tops.fold(water_z.min(self.deck_ceiling(reference, deck, x, y)), f64::min)
     }
 
-    /// Bound of z by the lowest clearance, [`NO_CEILING`] if a plan may touch: `n (p - c) - l = h` solved for
-    /// the height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
+    /// Bound of z due to the minimum clearance, [`NO_CEILING`] if a plan may touch: `n (p - c) - l = h` solved for the
+    /// height, with the normal `n`, the deck's centre `c` and the feet's distance `l`.
     fn deck_ceiling(&self, reference: &PlanReference, deck: &DeckStage, x: f64, y: f64) -> f64 {
         let (dx, dy) = (x - deck.position[0], y - deck.position[1]);
         let near = dx.hypot(dy) < NEAR_DECK_M;
@@ -102,7 +102,7 @@ impl ReferenceGenerator {
         deck.position[2] + height / n.z.min(-0.3)
     }
 
-    /// Bound of z by the minimum altitude over the water, [`NO_CEILING`] over the deck.
+    /// Bound of z due to the minimum altitude above the water, [`NO_CEILING`] over the deck.
     fn water_ceiling(&self, reference: &PlanReference, stage: usize, x: f64, y: f64) -> f64 {
         if let Some(d) = reference.deck.get(stage + 1) {
             let (s, c) = d.euler[2].sin_cos();

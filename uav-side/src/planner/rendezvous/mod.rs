@@ -2,10 +2,10 @@
 //!
 //! Differences from the paper's planner ([`super::mpc_faa`], whose model and solver it shares):
 //! - The touchdown time is chosen within the forecast ([`touchdown_time`]).
-//! - The height is a function of the time left: fast down to just above the deck, then softly onto it
+//! - The height is a function of the time to contact: a fast descent to just above the deck, then a soft one onto it
 //!   ([`profile`]).
-//! - The weights of a stage depend on the drone's height *at that stage*, `g = exp(-(h/h0)²)`: attitude,
-//!   velocity and position matter only briefly at the contact, because a matched tilt accelerates sideways.
+//! - The weights of a stage depend on the drone's height *at that stage*, `g = exp(-(h/h0)²)`: attitude, velocity and
+//!   position are matched only briefly at contact, because a matched tilt accelerates the drone sideways.
 //! - Tilt is planned as the horizontal acceleration that it causes at the planned vertical acceleration and
 //!   in the wind, `a = (g - a_z) tan(tilt) + d`, not `g tilt`, so that the plan includes the wind during the
 //!   alignment.
@@ -33,14 +33,13 @@ use profile::{Height, Profile};
 use push::LateralDisturbance;
 use touchdown_time::TouchdownTime;
 
-/// Clearance below which the wind is not estimated in a landing, m, because contact forces would disturb it.
+/// Clearance below which the wind is not estimated in a landing, m, because contact forces would disturb the estimate.
 const FREE_M: f64 = 0.5;
-/// Distance from the deck's centre up to which its plane is followed, m: more than half the default deck's
-/// width.
+/// Distance from the deck's centre up to which its plane is followed, m: more than half the width of the default deck.
 const MAX_LATERAL_OFFSET_M: f64 = 1.0;
-/// Time constant with which the plans of a landing approach the drone's position and velocity, s: a plan
-/// accepts a gap that the pilot has not closed by then. It is longer than the pilot's loop, so that two loops
-/// do not close the same gap, and shorter than the one second from full descent to contact.
+/// Time constant with which the plans of a landing approach the drone's position and velocity, s: a plan accepts a gap
+/// that the pilot has not closed by then. It is longer than that of the pilot's loop, so that two loops do not close
+/// the same gap, and shorter than the one second from full descent to contact.
 const YIELDS_S: f64 = 0.3;
 /// Law of `alight`.
 #[derive(Clone, Debug)]
@@ -59,11 +58,11 @@ pub struct Rendezvous {
 struct DescentPlan {
     /// Time to contact now, s; infinite while no contact is permitted.
     left: f64,
-    /// Upper bound of the height: the drone's present height, m.
+    /// Upper bound of the height, m: the drone's current height.
     ceiling: f64,
     /// Lower bound of the height while no contact is permitted, m.
     floor: f64,
-    /// Planned position of the feet from the deck's centre, NED, m.
+    /// Planned position of the feet relative to the deck's centre, NED, m.
     lateral_offset: Vector2<f64>,
     /// Mean height of the deck, NED z, m.
     mean_z: f64,
@@ -73,19 +72,18 @@ struct DescentPlan {
     lifted_m: f64,
     /// Distance of the lowest foot below the feet's centre while the drone tilts against the wind, m.
     lowered_m: f64,
-    /// Target of the feet from the deck's centre, NED, m.
+    /// Target of the feet relative to the deck's centre, NED, m.
     meets: Vector2<f64>,
 }
 
 impl DescentPlan {
-    /// Whether the descent ends above the deck, without contact.
     fn stops_above(&self) -> bool {
         self.lifted_m > 0.0
     }
 }
 
 impl Law for Rendezvous {
-    /// Updates the disturbance, unless the drone may touch the deck.
+    /// Updates the disturbance unless the drone may be touching the deck.
     fn observe(
         &mut self,
         drone: Option<&DroneState>,
@@ -169,8 +167,8 @@ impl Rendezvous {
     ) -> Option<f64> {
         let here = reference.deck.first()?;
         let start = problem.state;
-        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg it has 0.1 m more
-        // clearance than at the centre.
+        // The drone meets a steep deck off its centre: 0.3 m down a slope of 20 deg its clearance is 0.1 m larger than
+        // at the centre.
         let normal = here.normal();
         let lateral_offset = self.lateral_offset(&start, here, &normal);
         let lifted_m = mission.lowest_clearance_m.unwrap_or(0.0);
@@ -178,7 +176,7 @@ impl Rendezvous {
         let push = self.push.at(contact, &Vector3::from(here.velocity).xy());
         let wind = wind_during_alignment(&push);
         let mean_z = reference.mean_z;
-        // Height over the surface that the profile follows.
+        // Height above the surface that the profile follows.
         let over =
             |fraction: f64| mean_z + fraction * (here.position[2] - mean_z) + (contact - here.position[2]);
         let clearance = over(self.heave_fraction(contact - start[state::DOWN])) - start[state::DOWN];
@@ -243,16 +241,16 @@ impl Rendezvous {
         s * s * (3.0 - 2.0 * s)
     }
 
-    /// Horizontal position of an aligned drone's feet from the deck's centre (NED, m), limited to the deck's
-    /// extent.
+    /// Horizontal position of an aligned drone's feet relative to the deck's centre (NED, m), limited to the extent of
+    /// the deck.
     fn lateral_offset(&self, state: &ModelState, deck: &DeckStage, n: &Vector3<f64>) -> Vector2<f64> {
         let o = Vector2::from_fn(|i, _| state[i] - deck.position[i] - self.feet * n[i]);
         o * (MAX_LATERAL_OFFSET_M / o.norm().max(MAX_LATERAL_OFFSET_M))
     }
 
-    /// NED z (m) of the centre of mass of an aligned drone that stands at `lateral_offset` from the deck's
-    /// centre: `z - (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the feet's
-    /// distance `l`; `lifted_m` higher along the normal.
+    /// NED z (m) of the centre of mass of an aligned drone that stands at `lateral_offset` from the deck's centre: `z -
+    /// (n_x o_x + n_y o_y) / n_z + l n_z` with the normal `n`, the offset `o` and the feet's distance `l`; `lifted_m`
+    /// higher along the normal.
     fn contact_z(
         &self,
         deck: &DeckStage,
@@ -288,8 +286,8 @@ impl Rendezvous {
         wanted
     }
 
-    /// Lowest height reachable `time` after `h` at bounded acceleration. With a reference that falls faster
-    /// the rotors have too little thrust to hold the position.
+    /// Minimum height reachable `time` after `h` with bounded acceleration. If the reference fell faster, the rotors
+    /// would have too little thrust to hold the position.
     fn lowest(&self, h: &Height, time: f64) -> Height {
         let c = &self.config.profile;
         let max = (c.sink_mps + c.hurry_mps).max(h.sinking);
@@ -333,7 +331,7 @@ impl Rendezvous {
             - h.clearance;
         r[8] = fraction * deck.velocity[2] + h.sinking;
 
-        // The drone need not match the deck after the contact.
+        // After contact the drone need not match the deck.
         let after = (time - way.left.max(0.0)).max(0.0) / c.after_s;
         let clearance = match c.distance {
             FaaDistance::PerStage => h.clearance,
@@ -348,8 +346,8 @@ impl Rendezvous {
             q[3 + i] = c.tilt.at(g);
             q[9 + i] = c.rates.at(g);
         }
-        // Near the contact the reference is the deck's tilt plus the wind's acceleration; elsewhere it is a
-        // small acceleration. a = (-g theta, g phi).
+        // Near contact the reference is the deck's tilt plus the wind's acceleration; elsewhere it is a small
+        // acceleration. a = (-g theta, g phi).
         let contact = c.tilt.contact * g / c.tilt.at(g).max(1e-9);
         let meant = tilt + way.wind * (contact / GRAVITY);
         r[3] = meant.y;
@@ -361,9 +359,9 @@ impl Rendezvous {
     }
 }
 
-/// Upward axis (NED) of the attitude whose thrust gives the planned accelerations, and factor on the rates of
-/// tilt. `state`'s tilt is horizontal acceleration per g, of which `wind` (m/s²) contributes a part; `down`
-/// is the vertical acceleration (NED, m/s²).
+/// Upward axis (NED) of the attitude whose thrust gives the planned accelerations, and the factor on tilt rates. The
+/// tilt of `state` is horizontal acceleration per g, to which `wind` (m/s²) contributes; `down` is the vertical
+/// acceleration (NED, m/s²).
 pub fn true_tilt(state: &ModelState, down: f64, wind: &Vector2<f64>) -> (Vector3<f64>, f64) {
     let lift = (GRAVITY - down).max(0.2 * GRAVITY);
     let (x, y) = (

@@ -1,8 +1,8 @@
-//! Descent profile: fast, then braked, and soft before the contact.
+//! Descent profile: fast, then braked, and soft before contact.
 
 use super::config::ProfileConfig;
 
-/// Height over the deck and sink rate against the time left.
+/// Height above the deck and sink rate as functions of the time to contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Profile {
     config: ProfileConfig,
@@ -12,9 +12,9 @@ pub struct Profile {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Height {
-    /// Foot plane above the deck, m.
+    /// Height of the foot plane above the deck, m.
     pub clearance: f64,
-    /// Speed downwards relative to the deck, m/s.
+    /// Downward speed relative to the deck, m/s.
     pub sinking: f64,
 }
 
@@ -27,8 +27,8 @@ impl Profile {
         }
     }
 
-    /// Height `left` seconds before the contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full
-    /// speed. An exponential decay below the deck's plane follows, which keeps pressure on the contact.
+    /// Height `left` seconds before contact: `v_t s`, then `v_t s + a (s - s_soft)² / 2`, then at full speed. After
+    /// contact an exponential decay below the deck's plane keeps pressure on the contact.
     pub fn at(&self, left: f64) -> Height {
         let c = &self.config;
         if left < 0.0 {
@@ -48,7 +48,7 @@ impl Profile {
         }
     }
 
-    /// Time left at `clearance`, s; the inverse of [`Profile::at`].
+    /// Time to contact at `clearance`, s; the inverse of [`Profile::at`].
     pub fn left(&self, clearance: f64) -> f64 {
         let c = &self.config;
         if clearance < 0.0 {
@@ -63,13 +63,13 @@ impl Profile {
         if clearance >= fast {
             return self.braking_from + (clearance - fast) / c.sink_mps;
         }
-        // v_t s + a s² / 2 = clearance - soft, s from the end of the soft part.
+        // v_t s + a s² / 2 = clearance - soft, with s from the end of the soft part.
         let (v, a, d) = (c.touch_mps, c.braking_mps2, clearance - soft);
         c.soft_s + (-v + (v * v + 2.0 * a * d).sqrt()) / a
     }
 
-    /// Shortest time to contact from `clearance` at the sink rate `speed`, s: the profile's time plus that
-    /// lost while accelerating to the profile's speed.
+    /// Minimum time to contact from `clearance` at the sink rate `speed`, s: the profile's time plus the time lost
+    /// while accelerating to the profile's speed.
     pub fn min_time(&self, clearance: f64, speed: f64) -> f64 {
         let left = self.left(clearance);
         let wanted = self.at(left).sinking;

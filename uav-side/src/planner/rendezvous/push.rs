@@ -1,15 +1,15 @@
 //! Lateral disturbance during the descent, measured at the drone and predicted along its path.
 //!
-//! Wind decreases towards the water by the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a
-//! drone that drifts with the wind has less airspeed. To first order, the drag `d = -k |u| u` of the airspeed
-//! `u = v - w` becomes
+//! Wind decreases towards the water according to the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a
+//! drone that drifts with the wind has a lower airspeed. To first order, the drag `d = -k |u| u` of the airspeed `u = v
+//! - w` becomes
 //!
 //! ```text
 //! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)),    S = |d0| / |u0| (1 + u0 u0' / |u0|²)
 //! ```
 //!
-//! In 10 m/s of wind the change from 7 m above a deck is a third of the disturbance, or 4 cm at the plan's
-//! end.
+//! In 10 m/s of wind the change on the way down from 7 m above a deck is a third of the disturbance, or 4 cm at the
+//! plan's end.
 
 use alight_shared::landing::LINEAR_MPS;
 use alight_shared::msg::DroneState;
@@ -19,7 +19,7 @@ use crate::odometry::DISTURBANCE_S;
 
 /// Roughness length of the open sea, m.
 const ROUGHNESS_M: f64 = 2e-4;
-/// Smallest height above the water, m.
+/// Minimum height above the water, m.
 const LOWEST_M: f64 = 0.5;
 
 /// Lateral disturbance and the conditions under which it was measured.
@@ -30,7 +30,7 @@ pub(super) struct LateralDisturbance {
     /// Velocity (NED, m/s) and height (NED z, m) at the measurement.
     velocity: Vector2<f64>,
     z: f64,
-    /// True wind at the drone, towards NED, m/s; None while unknown.
+    /// True wind at the drone (direction of motion, NED, m/s); None while unknown.
     wind: Option<Vector2<f64>>,
     /// NED z of the water, m; None before the first landing.
     water_z: Option<f64>,
@@ -66,7 +66,7 @@ impl LateralDisturbance {
             (Matrix2::identity() + way * way.transpose() / (speed * speed)) * (self.measured.norm() / speed);
         let changed = wind * (above(z) / above(self.z) - 1.0) - (velocity - self.velocity);
         let change = slope * changed;
-        // The first-order approximation is valid for a limited change.
+        // The first-order approximation is valid only for a limited change.
         self.measured + change.cap_magnitude(0.5 * self.measured.norm())
     }
 }

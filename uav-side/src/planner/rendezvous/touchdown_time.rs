@@ -1,5 +1,4 @@
-//! Choice of a reachable time at which the deck is nearly level, rotates slowly and accelerates like an
-//! aligned drone.
+//! Selects a reachable time at which the deck is nearly level, rotates slowly and accelerates like an aligned drone.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, DeckStage};
@@ -14,8 +13,8 @@ const GRID_S: f64 = 0.1;
 /// Maximum number of candidates: a window of 4 s.
 const MAX_CANDIDATES: usize = 41;
 
-/// Expected cost of touching this deck in `wind` (m/s²), without the cost of waiting: `E[x²] = E[x]² + var x`
-/// of each quantity, so that a poorly predicted time has the average cost.
+/// Expected cost of touching this deck in `wind` (m/s²), excluding the cost of waiting: `E[x²] = E[x]² + var x` of each
+/// quantity, so that a poorly predicted time has the average cost.
 pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeConfig) -> f64 {
     let variance = |sd: &[f64]| sd.iter().map(|s| s * s).sum::<f64>();
     let tilt_var = variance(&deck.euler_sd[..2]);
@@ -27,7 +26,7 @@ pub fn expected_cost(deck: &DeckStage, wind: &Vector2<f64>, c: &TouchdownTimeCon
     let tilt = n.x.hypot(n.y).min(1.0).asin().powi(2) + tilt_var;
     let [roll, pitch, _] = deck.euler_rates;
     let rate = roll * roll + pitch * pitch + variance(&deck.euler_rates_sd[..2]);
-    // Half of a velocity's deviations are upwards.
+    // Half of the deviations of a velocity are upwards.
     let rising = (-deck.velocity[2]).max(0.0).powi(2) + 0.5 * variance(&deck.velocity_sd[2..]);
     let over = |square: f64, scale: f64| square / (scale * scale);
     over(mismatch, c.mismatch_mps2)
@@ -47,9 +46,8 @@ impl TouchdownTime {
         self.at = None;
     }
 
-    /// Time until the contact (s), final from [`TouchdownTimeConfig::freeze_s`] before it. `min_time` is the
-    /// earliest possible, `left` the profile's time at the present height; in a `flare` the drone does not
-    /// wait.
+    /// Time to contact (s); final from [`TouchdownTimeConfig::freeze_s`] before contact on. `min_time` is the earliest
+    /// possible, `left` the profile's time at the current height. In a `flare` the drone does not wait.
     pub fn choose(
         &mut self,
         now: Time<DroneClock>,
@@ -62,7 +60,7 @@ impl TouchdownTime {
     ) -> f64 {
         let end = forecast.header.at + forecast.step * (forecast.stages.len() as i64 - 1);
         let price = |t: Time<DroneClock>| {
-            // Times beyond the forecast have the cost of its end.
+            // Times beyond the forecast have the cost of its last stage.
             let deck = forecast.at(t.min(end).max(forecast.header.at))?;
             Some(expected_cost(&deck, wind, c) + c.waiting_per_s * (t - now).secs())
         };
@@ -134,10 +132,10 @@ mod tests {
         let now = Time::from_secs(1.5);
         let later = i.choose(now, &rocking(1.0), &STILL, 0.8, 0.8, false, &c);
         assert!((later + 1.5 - t).abs() < 1e-9, "{later}");
-        // A delay of half a second postpones the contact, by less because of the hurry.
+        // A delay of half a second postpones the contact by less, because a late drone descends faster.
         let late = i.choose(now, &f, &STILL, 1.5, 1.5, false, &c);
         assert!((late - 1.275).abs() < 1e-6, "{late}");
-        // An early drone low over the deck does not wait.
+        // An early drone that is low above the deck does not wait.
         let early = i.choose(now, &f, &STILL, 0.3, 0.3, true, &c);
         assert!((early - 0.3 - c.linger_s).abs() < 1e-6, "{early}");
     }
@@ -187,7 +185,7 @@ mod tests {
         let stuck = expected_cost(&d, &STILL, &c);
         d.acceleration = [a.x, a.y, 0.0];
         assert!(expected_cost(&d, &STILL, &c) < 0.01 && stuck > 1.0);
-        // In wind a level deck accelerates an aligned drone as well.
+        // In wind a level deck also accelerates relative to an aligned drone.
         let level = DeckStage {
             acceleration: [0.8, 0.0, 0.0],
             ..DeckStage::default()

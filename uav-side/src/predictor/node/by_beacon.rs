@@ -1,13 +1,13 @@
-//! Forecast of a vessel that is known only by its beacon or its last position.
+//! Forecast of a vessel that is known only from its beacon or its last position.
 
 use super::*;
 
-/// Time for which the last known level of the deck is used, s; a barometer drifts by a metre meanwhile.
+/// Time for which the last known level of the deck is used, s; a barometer drifts by a metre in that time.
 const LEVEL_S: f64 = 300.0;
 
 impl Predictor {
-    /// Forecast by the beacon alone: a level deck on a straight course, at its configured height above mean
-    /// sea level. None without a beacon or a sea level from the autopilot.
+    /// Forecast from the beacon alone: a level deck on a straight course, at its configured height above mean sea
+    /// level. None without a beacon or a sea level from the autopilot.
     pub(super) fn forecast_by_beacon(
         &mut self,
         now: Time<DroneClock>,
@@ -45,7 +45,7 @@ impl Predictor {
         };
         f.check().is_ok().then_some(f)
     }
-    /// Forecast without a deck: several decks are in sight and none is followed.
+    /// Forecast without a deck: several decks are in view and none is followed.
     pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
@@ -65,7 +65,7 @@ impl Predictor {
             ..DeckForecast::default()
         })
     }
-    /// The more accurate of the estimates from the beacon and from the last known position.
+    /// More accurate of the estimates from the beacon and from the last known position.
     pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
@@ -96,7 +96,7 @@ impl Predictor {
         let velocity = level(&|i| (axes[i].x[RATE], axes[i].p[RATE][RATE]));
         self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
-    /// Updates the sea level and, if the mission permits them, the vessel's beacons.
+    /// Updates the sea level and, if the mission permits beacons, the vessel's beacons.
     pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
         if let Some(a) = &input.autopilot {
             self.origin_sea_m = a.origin_sea_m;

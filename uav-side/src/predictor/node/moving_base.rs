@@ -1,4 +1,4 @@
-//! Relative position by a receiver with the vessel as its moving base.
+//! Relative position from a receiver with the vessel as its moving base.
 
 use nalgebra::UnitQuaternion;
 
@@ -8,8 +8,8 @@ use super::super::relative::{self, Use};
 use super::*;
 
 impl Predictor {
-    /// Processes a relative position. One that is not fixed, or that the tags contradict, is only reported in
-    /// the forecast.
+    /// Processes a relative position. If it is not fixed, or the tags contradict it, it is only reported in the
+    /// forecast.
     pub(super) fn relative_place(
         &mut self,
         now: Time<DroneClock>,
@@ -51,8 +51,8 @@ impl Predictor {
             self.fuse(o)
         }
     }
-    /// Compares the vessel's own tags with the relative position. On a contradiction the position derived
-    /// from it is discarded, so that the tags are not rejected as outliers.
+    /// Compares the vessel's own tags with the relative position. On a contradiction the position derived from it is
+    /// discarded, so that the tags are not rejected as outliers.
     pub(super) fn compare_relative(&mut self, tag: &DeckObservation) {
         let comparable = self.relative.is_comparable(tag.at);
         let Some(filter) = self.filter.as_mut().filter(|_| comparable) else {
@@ -66,7 +66,7 @@ impl Predictor {
             filter.give_up_place(apart_m);
         }
     }
-    /// Distance of a detected other deck from the relative position, and its limit, m.
+    /// Distance between another detected deck and the relative position, and its limit, m.
     pub(super) fn apart_from_relative(&self, axes: &[Axis; AXES], o: &DeckObservation) -> Option<[f64; 2]> {
         if !self.relative.is_comparable(o.at) {
             return None;

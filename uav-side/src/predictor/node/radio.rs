@@ -22,7 +22,7 @@ impl Predictor {
         Ok(())
     }
 
-    /// Switches the filter to newer modes. `identified`: they replace the default oscillators.
+    /// Switches the filter to newer modes. `identified`: whether they replace the default oscillators.
     pub(super) fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
         match &mut self.filter {
             Some(f) if identified => f.adopt_modes(&self.waves),

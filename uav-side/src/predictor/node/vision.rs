@@ -17,8 +17,7 @@ impl Predictor {
             });
             self.count(admitted);
         }
-        // All tags of an image are registered first, because each decision depends on the other decks in
-        // sight.
+        // All tags of an image are registered first, because each decision depends on the other decks in view.
         let sighted: Vec<_> = input.tags.iter().map(|m| self.sighted(now, m)).collect();
         for detected in sighted {
             let admitted = detected.and_then(|detected| self.identified(now, detected));
@@ -30,7 +29,6 @@ impl Predictor {
         }
     }
 
-    /// In the drone's frame.
     pub(super) fn observed(
         &self,
         now: Time<DroneClock>,
@@ -44,7 +42,7 @@ impl Predictor {
             .ok_or(RejectionReason::NoDroneState)?;
         Ok(observe(&pose, &self.config))
     }
-    /// Deck of the tags; an error if they are not at the vessel's position.
+    /// Deck of the tags, or an error if they are not at the vessel's position.
     pub(super) fn sighted(
         &mut self,
         now: Time<DroneClock>,
@@ -65,7 +63,7 @@ impl Predictor {
         let deck = self.decks.see(&o, range_m, velocity, apart);
         Ok((o, deck))
     }
-    /// Fuses tags of deck `k` if it is the vessel's own.
+    /// Fuses tags of deck `k` if that is the vessel's own deck.
     pub(super) fn identified(
         &mut self,
         now: Time<DroneClock>,
@@ -96,7 +94,7 @@ impl Predictor {
         }
         Ok(())
     }
-    /// Whether the radio still provides the vessel's position.
+    /// Whether the radio still gives the vessel's position.
     pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
         self.age_s(now, &[Estimate]) <= SILENT_S
     }
@@ -116,7 +114,7 @@ impl Predictor {
         }
     }
 
-    /// Distance of another vessel's tags from the vessel's position and its limit, m. The position is the
+    /// Distance between another vessel's tags and the vessel's position, and its limit, m. The vessel's position is the
     /// relative position or the radio's; while the radio is silent and no deck is followed, the beacon's.
     pub(super) fn apart_from_radio(
         &self,
@@ -136,8 +134,8 @@ impl Predictor {
         filter.elsewhere(&self.waves, axes?, o, followed)
     }
 
-    /// Distance between the positions by vision (of the deck or of another deck's tags) and by radio, and its
-    /// limit, m.
+    /// Distance between the positions by vision (of the deck, or of another deck's tags) and by radio, and its limit,
+    /// m.
     pub(super) fn place_apart_m(
         &self,
         now: Time<DroneClock>,

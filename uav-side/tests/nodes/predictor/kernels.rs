@@ -1,4 +1,4 @@
-//! Filter of one axis and vision geometry against closed forms.
+//! Filter of one axis, and vision geometry, against closed forms.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{RangeSample, TagPose};
@@ -54,7 +54,7 @@ fn axis_covariance_and_update() {
     let (_, spread) = a.project(MeasurementRow::Vision);
     a.update(MeasurementRow::Vision, 0.05, 1e-4);
     let (value, left) = a.project(MeasurementRow::Vision);
-    // Scalar closed form: (1/P + 1/R)^-1 and the weighted mean.
+    // Scalar closed form: (1/P + 1/R)^-1, and the weighted mean.
     let expected = 1.0 / (1.0 / spread + 1.0 / 1e-4);
     assert!((left / expected - 1.0).abs() < 1e-9);
     assert!((value - 0.05 * expected / 1e-4).abs() < 1e-9);
@@ -170,7 +170,7 @@ fn filter_of_a_turning_vessel() {
     assert_eq!(walk(&filter, &after), still);
 }
 
-/// New modes have opposite phases, half a metre each, and the deck has not moved.
+/// New modes have the opposite phase, half a metre each, although the deck has not moved.
 #[test]
 fn newer_modes_with_vision() {
     let config = PredictorConfig::default();
@@ -208,8 +208,8 @@ fn newer_modes_with_vision() {
     }
 }
 
-/// In calm water the vessel's modes, which predict nothing, replace the bank; a vessel without modes keeps
-/// it.
+/// In calm water the vessel's modes, which predict nothing, replace the bank; for a vessel without modes the bank is
+/// kept.
 #[test]
 fn modes_without_confidence() {
     let mut waves = Waves::new(&PredictorConfig::default());

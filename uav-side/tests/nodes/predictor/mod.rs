@@ -1,5 +1,4 @@
-//! Predictor against a deck of sinusoids: from messages of vessel and camera, forecasts for now and a second
-//! ahead.
+//! Predictor against a sinusoidal deck: from messages of vessel and camera to forecasts for now and for a second ahead.
 
 mod arbitrary;
 mod kernels;
@@ -48,7 +47,7 @@ fn frame_offset_by_vision() {
     assert_eq!((source(9.9), source(39.9)), (Source::Radio, Source::Both));
 }
 
-/// In waves and with drifting odometry the relative place alone replaces the tags.
+/// In waves and with drifting odometry the relative position alone replaces the tags.
 #[test]
 fn frame_offset_by_relative_place() {
     let v = SimulatedVessel::moderate();
@@ -121,7 +120,7 @@ fn forecast_in_silence() {
         .assert_consistent([0.0, 2.0], [0.0, 2.0]);
 }
 
-/// Without a detection, e.g. on the way back from a station, a drifted height is no contradiction.
+/// Without a detection, e.g. on the way back from a station, a drifted height is not a contradiction.
 #[test]
 fn rangefinder_without_a_camera() {
     let v = SimulatedVessel::moderate();
@@ -222,8 +221,7 @@ fn modes_of_a_silent_vessel_by_vision() {
 #[test]
 fn forecast_with_a_clock_error_within_its_sd() {
     let v = SimulatedVessel::moderate();
-    // 100 ms of asymmetry make the clock offset wrong by 50 ms; the bridge reports a standard deviation of 58
-    // ms.
+    // 100 ms of asymmetry make the clock offset wrong by 50 ms; the bridge reports a standard deviation of 58 ms.
     let set = Setup {
         clock_error: 0.05,
         clock_sd: 0.058,
@@ -251,6 +249,5 @@ fn forecast_with_reordered_messages() {
         b.horizontal < a.horizontal + 0.03 && b.tilt < a.tilt + 0.005,
         "{a:?} {b:?}"
     );
-    // Messages from before the filter began.
     assert!(reordered.predictor.rejections().of(RejectionReason::Stale) < 15);
 }

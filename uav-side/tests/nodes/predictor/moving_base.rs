@@ -1,4 +1,4 @@
-//! Predictor with a relative place by moving base: a correct fix, a false one, and a float solution.
+//! Predictor with a relative position from a moving base: a correct fix, a false fix, and a float solution.
 
 use alight_shared::frames::body_from_camera;
 use alight_shared::geometry::DroneGeometry;
@@ -12,7 +12,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::world::time;
 
-/// A vessel at anchor heads north, 2 m off by radio; a drone with drifting odometry hovers above its deck.
+/// A vessel at anchor heads north, and its position by radio is 2 m off. A drone with drifting odometry hovers above
+/// its deck.
 struct Bench {
     predictor: Predictor,
     tick: u32,
@@ -119,7 +120,7 @@ fn false_fix_before_the_tags() {
     assert!(b.off_m() < 0.05, "{}", b.off_m());
     let s = b.state();
     assert!((s.contradicted_m.unwrap() - 0.5).abs() < 0.1, "{s:?}");
-    // It stays rejected until it is solved again.
+    // The fix stays rejected until the receiver has solved again.
     b.vision = false;
     b.run(3.0);
     assert!(

@@ -29,7 +29,7 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// Follows the surface with heave, orbital motion and slope, and moves north.
+/// Vessel that follows the surface with heave, orbital motion and slope, and moves north.
 #[derive(Clone)]
 pub struct SimulatedVessel {
     pub waves: Vec<Wave>,
@@ -58,7 +58,7 @@ impl SimulatedVessel {
             heading: 0.7,
         }
     }
-    /// Reference point (NED), Euler angles.
+    /// Position of the reference point (NED), and Euler angles.
     pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let mut p = Vector3::new(self.speed * t, 0.0, 0.0);
         let (mut n, mut e) = (0.0, 0.0);
@@ -88,8 +88,8 @@ impl SimulatedVessel {
         let (a, b) = (self.rates(t - h), self.rates(t + h));
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
-    /// Apparent slope over the second about `t`: tan of the angle between the deck's normal and the mean
-    /// specific force.
+    /// Apparent slope over the second around `t`: tangent of the angle between the deck's normal and the mean specific
+    /// force.
     pub fn apparent_slope(&self, t: f64) -> f64 {
         let h = 1e-2;
         let force = |t: f64| {
@@ -109,7 +109,7 @@ impl SimulatedVessel {
     }
 }
 
-/// First-order Markov error.
+/// First-order Gauss-Markov error.
 pub struct Markov {
     pub value: Vector3<f64>,
     pub sd: f64,
@@ -147,7 +147,7 @@ pub struct Setup {
     pub height: f64,
     /// Time of the first rangefinder reading, s.
     pub ranges_from: f64,
-    /// Time span with a relative place, s.
+    /// Time span with a relative position, s.
     pub relative: (f64, f64),
     /// Time of a process restart, s, and whether the checkpoint is kept.
     pub restart: Option<(f64, bool)>,
@@ -169,11 +169,11 @@ impl Default for Setup {
     }
 }
 
-/// Forecast with the truth in the drone's frame at `now`.
+/// Forecast, with the truth in the drone's frame at `now`.
 pub struct Sample {
     pub now: f64,
     pub forecast: DeckForecast,
-    /// Error of the smoothed odometry, every 10 ms, beyond the end of the run: an initial offset and drift.
+    /// Error of the smoothed odometry every 10 ms, to beyond the end of the run: an initial offset and drift.
     pub frames: Rc<Vec<Vector3<f64>>>,
 }
 impl Sample {
@@ -214,7 +214,7 @@ fn drifting_frames(rng: &mut ChaCha8Rng, seconds: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Errors are those of the frame, of position and angles, and of their rates.
+/// Estimate with errors of the frame, of position and angles, and of their rates.
 fn estimate(
     v: &SimulatedVessel,
     header: Header<DroneClock>,
@@ -301,7 +301,7 @@ fn range(
     }
 }
 
-/// Position relative to an antenna forward of the deck and above it.
+/// Position relative to an antenna that is forward of the deck and above it.
 fn relative(
     rng: &mut ChaCha8Rng,
     header: Header<DroneClock>,
@@ -321,7 +321,7 @@ fn relative(
     }
 }
 
-/// Adds a message; state streams keep the newest.
+/// Adds a message; state topics keep the newest.
 fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
     if let Some(e) = m.estimate
         && arrived.estimate.is_none_or(|o| o.header.at < e.header.at)
@@ -459,8 +459,8 @@ pub fn spread(k: u32, now: f64) -> VesselPrediction<DroneClock> {
     }
 }
 
-/// Root mean square over samples: horizontal, vertical (m), tilt (rad); and mean normalised squared error per
-/// degree of freedom of position and of roll and pitch.
+/// RMS over samples: horizontal, vertical (m), tilt (rad); and mean normalised squared error per degree of freedom of
+/// position, and of roll and pitch.
 #[derive(Debug, Default)]
 pub struct Accuracy {
     pub horizontal: f64,
@@ -507,7 +507,7 @@ impl Run {
         Accuracy::of(v, samples, ahead)
     }
 }
-/// Over several seeds, from `from` s on.
+/// Accuracy over several seeds, starting at `from` s.
 pub fn over_seeds(v: &SimulatedVessel, set: &Setup, seconds: f64, from: f64, ahead: f64) -> Accuracy {
     let runs = [0, 1, 2, 3, 4].map(|seed| run(v, &Setup { seed, ..*set }, seconds));
     let samples = runs.iter().flat_map(|r| &r.samples).filter(|s| s.now > from);
