@@ -95,6 +95,7 @@ pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     Ok(hash.digest())
 }
 
+/// XXH3 of bytes.
 pub fn hash_bytes(bytes: &[u8]) -> u64 {
     let mut hash = Xxh3Default::new();
     hash.update(bytes);
@@ -111,6 +112,7 @@ pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> 
         })
 }
 
+/// Encodes a message as a radio payload.
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
     bincode::serde::encode_to_vec(message, config()).map_err(|source| WireError::Encode {
         name: short_name::<T>(),
