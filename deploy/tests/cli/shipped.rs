@@ -120,7 +120,7 @@ fn container_copies_what_there_is() {
         let first = line.split(' ').next().unwrap_or_default();
         assert!(known.contains(&first), "{line}");
     }
-    // Images are named without a registry, so the machine's own default is used.
+    // Images are named without a registry, so the computer's own default is used.
     let images = instructions(&text, "ARG");
     assert_eq!(images.len(), instructions(&text, "FROM").len());
     for image in images.iter().flatten() {
@@ -143,8 +143,8 @@ fn container_copies_what_there_is() {
     assert_eq!(instructions(&text, "USER"), [["alight"]]);
 }
 
-/// Keys of each side that are printed: those that `alight init` writes, all that a file may set, and the method's. A new key
-/// changes a number here; the two files of `alight init` have 60 at most together.
+/// Number of printed keys of each side: those that `alight init` writes, all that a file may set, and the method's. A
+/// new key changes a number here; the two files of `alight init` together have at most 60.
 const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 57, 20]), ("drone", [40, 145, 210])];
 
 #[test]

@@ -1,4 +1,4 @@
-//! Test suite for both buses: the simulated world's bus carries topics as shared memory does.
+//! Test suite for both buses: the simulated world's bus must carry topics as shared memory does.
 
 use core::fmt::Debug;
 
@@ -54,7 +54,7 @@ fn conforms<B: Bus<Error: Debug>>(bus: &B) {
     stale(bus);
 }
 
-/// A state's reader gets the newest message once; a queue's reader gets all in order.
+/// A state's reader gets the newest message once; a queue's reader gets all messages in order.
 fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
     let (mut states, mut events) = (bus.writer().unwrap(), bus.writer().unwrap());
     let (mut newest, mut all) = (bus.reader::<SetPoint>().unwrap(), bus.reader().unwrap());
@@ -82,7 +82,7 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
 }
 
-/// Messages of a restarted writer are read, too; a restarted or late reader gets the messages sent afterwards.
+/// Messages of a restarted writer are also read; a restarted or late reader gets the messages sent afterwards.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     writer.send(&range(3, 90));
@@ -105,7 +105,7 @@ fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     assert!(late.all(0).is_empty());
 }
 
-/// Each message that was not awaited before wakes the reader, whether it was read or not.
+/// Each message that was not yet awaited wakes the reader, whether it was read or not.
 fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     let mut writer = bus.writer().unwrap();
     writer.send(&range(6, 1));
@@ -160,7 +160,7 @@ fn happens() -> impl Strategy<Value = Happens> {
     ]
 }
 
-/// Messages and counts that the readers get during these events. Readers receive from one writer at a time:
+/// Messages and counts that the readers get during these events. Readers receive from one writer at a time, because
 /// the order of messages from two writers depends on the bus.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();

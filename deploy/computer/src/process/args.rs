@@ -9,7 +9,7 @@ use tracing::warn;
 use crate::config::view::{FOXGLOVE, ViewConfig};
 use crate::process::scheduling;
 
-/// A process.
+/// Flags of every process.
 #[derive(Args, Clone, Debug)]
 pub struct ProcessArgs {
     /// The computer's configuration (TOML)
@@ -18,7 +18,7 @@ pub struct ProcessArgs {
     /// Record into this flight's directory, instead of a new one below recorder.directory
     #[arg(long, alias = "log", hide = true, value_name = "DIR")]
     pub flight: Option<PathBuf>,
-    /// End when standard input closes: a supervisor that dies takes its processes with it
+    /// End when standard input closes, so that processes end with their supervisor
     #[arg(long, hide = true)]
     pub supervised: bool,
     /// Scheduling of the process.
@@ -73,24 +73,22 @@ impl ViewArgs {
     }
 }
 
-/// A service of a computer: its process, and its viewers.
+/// Flags of a computer's service.
 #[derive(Args, Debug)]
 pub struct ServiceArgs {
-    /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Addresses at which viewers are served, if any.
     #[command(flatten)]
     pub view: ViewArgs,
 }
 
-/// Scheduling that a supervisor asks of its process.
+/// Scheduling that a supervisor requests for its process.
 #[derive(Args, Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scheduling {
     /// Real-time priority (SCHED_FIFO)
     #[arg(long, hide = true, value_name = "PRIORITY")]
     pub realtime: Option<u8>,
-    /// Processors to keep to
+    /// Processors on which the process may run
     #[arg(long, hide = true, value_delimiter = ',', value_name = "NUMBERS")]
     pub processors: Vec<u16>,
 }
@@ -114,7 +112,7 @@ impl Scheduling {
         }
         flags
     }
-    /// Applies the scheduling to this thread and to the threads that it starts later.
+    /// Applies the scheduling to this thread and to threads that it starts later.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
             warn!("processors {:?}: not permitted, or not there", self.processors);
@@ -128,7 +126,6 @@ impl Scheduling {
 /// One of the drone's cameras.
 #[derive(Args, Debug)]
 pub struct CameraArgs {
-    /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
     /// Source of images, instead of camera.source or uvdar.source

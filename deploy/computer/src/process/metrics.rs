@@ -5,7 +5,7 @@ use alight_shared::process::ProcessState;
 
 use crate::process::snapshot::time;
 
-/// Text of a process's metrics without counts of zero.
+/// Metrics of a process as text, without counts of zero.
 pub fn text(p: &ProcessState) -> String {
     let shown: Vec<String> = p
         .metrics

@@ -10,7 +10,7 @@ pub fn vessel_key(id: u32, topic: &str) -> String {
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }
-/// Key expression of the status of every drone, whose key has the chunk `drone-N`.
+/// Key expression of the status of every drone; the key has the chunk `drone-N`.
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
 }

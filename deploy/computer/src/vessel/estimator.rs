@@ -1,4 +1,4 @@
-//! Process of the vessel's estimator, deck arbiter and broadcast: from sensors to Zenoh.
+//! Process of the vessel's estimator, deck arbiter and broadcast, from sensors to Zenoh.
 
 use std::time::Duration;
 
@@ -35,7 +35,7 @@ use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
 /// Maximum time between wake-ups without sensor readings.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// Period of the summary of real sensors' measurements, ns.
+/// Period of the logged summary of real sensors' measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {

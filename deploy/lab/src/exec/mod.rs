@@ -1,5 +1,5 @@
-//! `--planner exec:COMMAND`: a planner that is another program. Each plan period it gets a line and answers
-//! with a line ([`protocol`]). Once it has failed to answer, the flight goes on without plans.
+//! `--planner exec:COMMAND`: a planner that is another program. Each plan period it receives a line and answers with
+//! a line ([`protocol`]). If it fails to answer, the flight continues without plans.
 
 mod child;
 pub mod protocol;
@@ -19,10 +19,10 @@ use alight_uav::settings::DroneSettings;
 use child::{AnswerLimits, AnsweringChild};
 use protocol::{Answer, Limits, PlannerAnswer, PlannerInput};
 
-/// Beginning of the planner's name on the command line and in outcomes.
+/// Prefix of the planner's name on the command line and in outcomes.
 pub const EXEC: &str = "exec:";
 
-/// Planner by the program that `command` starts; each flight starts its own.
+/// Planner run by the program that `command` starts; each flight starts a separate one.
 pub fn planner(command: &str) -> OwnLaw {
     let own = command.to_owned();
     OwnLaw::new(format!("{EXEC}{command}"), move |drone, report| {
@@ -39,7 +39,7 @@ struct ExecLaw {
     drone: Option<DroneState>,
     /// End of the newest solve that took longer than a period.
     solved_at: Time<DroneClock>,
-    /// The newest answer lets the common planner plan.
+    /// The newest answer leaves the plan to the common planner.
     common: bool,
 }
 
@@ -84,7 +84,7 @@ impl Law for ExecLaw {
     ) -> Option<Plan> {
         let stale_after = topics::DRONE_STATE.stale_after;
         let drone = self.drone.filter(|d| now - d.header.at <= stale_after)?;
-        // A program that solves longer than a period is asked again when it is ready.
+        // A program that takes longer than a period is asked again when it is ready.
         if now < self.solved_at {
             return None;
         }

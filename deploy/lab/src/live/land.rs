@@ -1,5 +1,5 @@
-//! `alight land`: one landing in real time, with every process of vessel and drone on this machine and the
-//! simulated world as the vehicles.
+//! `alight land`: one landing in real time, with every process of vessel and drone on this computer and the simulated
+//! world as the vehicles.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -40,7 +40,7 @@ use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
-/// Time after the landing in which messages of a faulted process have to return, ns.
+/// Time after the landing within which messages of a faulted process must resume, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// Silence after which a process is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
@@ -48,14 +48,14 @@ const SILENCE_TIMEOUT_S: f64 = 5.0;
 const MAX_FAILURES: u32 = 8;
 /// Rows of the outcome without --verbose.
 const BRIEF_ROWS: usize = 5;
-/// Period of the status line, ns: a line can be read.
+/// Period of the status line, ns: slow enough to read.
 const STATUS_PERIOD_NS: i64 = 500_000_000;
 /// Maximum number of entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
-/// Time for which a viewed landing goes on after its end, s: an abort's climb and hold, or the drone on the deck.
+/// Time for which a viewed landing continues after its end, s: an abort's climb and hold, or the drone on the deck.
 const VIEWED_S: f64 = 20.0;
 
 /// Scene of the flags, with the flags of the live system applied.
@@ -107,12 +107,12 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
             i64::MAX
         )));
     }
-    // The first call installs the handler: a signal from here on stops the processes.
+    // The first call installs the handler, so that from here on a signal stops the processes.
     if end_requested() {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // An external firmware flies in another session, which also has to run in real time.
+    // An external firmware flies in another session, which must also run in real time.
     let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
@@ -123,7 +123,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         recorder::can_write(flight)?;
     }
     let landing = match Landing::begin(args, faults, &memory, &plan, &owned) {
-        // A signal can interrupt a start, which is not an error of the input.
+        // A signal can interrupt a start, which is not an input error.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
             return Ok(Exit::Failed);
@@ -168,7 +168,7 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
     Ok(())
 }
 
-/// End of a landing that was not stopped from outside.
+/// Result of a landing that was not stopped from outside.
 struct Ending {
     result: WorldReport,
     usage: String,
@@ -296,7 +296,7 @@ impl<'a> Landing<'a> {
         })
     }
 
-    /// Runs to the end; None if it was stopped from outside.
+    /// Runs to the end; None if stopped from outside.
     fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
         let shown = std::io::stderr().is_terminal();
         loop {
@@ -401,7 +401,7 @@ impl<'a> Landing<'a> {
         self.commands.send(&Command { header, kind });
     }
 
-    /// After the landing, waits briefly for a faulted process whose messages have not returned.
+    /// After the landing, waits briefly for a faulted process whose messages have not resumed.
     fn await_recovery(&mut self, memory: &Memory) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
         while self.faults.iter().any(LiveFault::is_under_way) && steady_ns() < until {
@@ -447,8 +447,8 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is due, until the mission has begun it; a restarted mission restores the
-    /// landing by itself.
+    /// Commands the landing when it is due, until the mission begins it; a restarted mission restores the landing by
+    /// itself.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {

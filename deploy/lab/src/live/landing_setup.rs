@@ -178,7 +178,7 @@ fn drone_computer(
     }
 }
 
-/// Simulated vehicles of a scene, without links and time zero.
+/// Simulated vehicles of a scene, without links and without a time zero.
 fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, CliError> {
     Ok(SimulatedWorld {
         instance: args.instance.clone(),

@@ -1,5 +1,5 @@
-//! Two Linux network namespaces, one per computer, each with a TUN device for the link emulator. iproute2's
-//! `ip` makes and removes them, which needs the right to administer the network (root).
+//! Two Linux network namespaces, one per computer, each with a TUN device for the link emulator. iproute2's `ip`
+//! creates and removes them, which requires network administration rights (root).
 
 use std::process::{Command, Stdio};
 
@@ -49,7 +49,7 @@ impl Namespaces {
         }
         Ok(())
     }
-    /// Removes both, including those of a run that was killed. Processes in them keep their sockets.
+    /// Removes both namespaces, including those of a killed run. Processes in them keep their sockets.
     pub fn remove(&self) {
         for side in 0..2 {
             let _none = ip(&["netns", "del", &self.space(side)]);
@@ -84,7 +84,7 @@ impl Namespaces {
 pub struct OwnSpaces(Namespaces);
 
 impl OwnSpaces {
-    /// Makes new namespaces, after removing those of a run that was killed.
+    /// Creates new namespaces, after removing those of a killed run.
     pub fn make(name: &str) -> Result<OwnSpaces, CliError> {
         let own = OwnSpaces(Namespaces::named(name));
         own.0.remove();

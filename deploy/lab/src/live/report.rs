@@ -1,4 +1,5 @@
-//! Report of a live landing in addition to its outcome: usage of the processes, delays, effects of the faults.
+//! Report of a live landing in addition to its outcome: resource usage of the processes, delays, effects of the
+//! faults.
 
 use alight_computer::process::snapshot::{Snapshot, time};
 use alight_computer::record::flight::summary::{FlightSummary, PhaseEntry};
@@ -14,7 +15,7 @@ use crate::live::fault::FaultReport;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {
     pub process: String,
-    /// Processor time per time since its last start, per cent of one core.
+    /// Processor time per time since the last start, per cent of one core.
     pub cpu_percent: f64,
     pub memory_mb: f64,
     /// Median duration of a step of its node, s.
@@ -24,7 +25,7 @@ pub struct ProcessUsage {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
-    /// Starts of processes beyond the first.
+    /// Restarts of processes.
     pub restarts: u32,
     pub processes: Vec<ProcessUsage>,
     /// Delay from a measurement on the vessel to the set-point on the drone, median and 99th percentile, s.

@@ -1,6 +1,6 @@
 //! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot, camera and
-//! rangefinder. It communicates with other processes only as real vehicles would, and with its supervisor by
-//! lines on standard output.
+//! rangefinder. They communicate with other processes only as real vehicles would, and with their supervisor by lines
+//! on standard output.
 
 use std::fmt;
 use std::time::Duration;
@@ -59,12 +59,12 @@ pub struct TooSlow {
 }
 
 impl TooSlow {
-    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an
-    /// autopilot waits 0.5 to 1 s for set-points.
+    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an autopilot
+    /// waits 0.5 to 1 s for set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the
-    /// warm-up, such as while a firmware connects, does no harm.
+    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the warm-up,
+    /// such as while a firmware connects, has no effect.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
         (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
@@ -96,13 +96,13 @@ pub struct Landed {
     pub latest_tick_s: f64,
 }
 
-/// Runs until the trial is over or the process is asked to end. Its metrics: maximum delay of a tick (s), ticks later
-/// than one period, true time since the start (s), slices that a firmware left unanswered.
+/// Runs until the trial is over or the process is asked to end. Metrics: maximum delay of a tick (s), ticks later
+/// than one period, true time since the start (s), slices without a reply from the firmware.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let mut world: SimulatedWorld = config::load(&args.config)?;
     if world.scenario.place.among.is_empty() {
-        // The devices' bytes state a latitude and a longitude.
+        // The devices' bytes contain latitude and longitude.
         world.scenario.place.among = vec![AT_SEA];
     }
     if world.epoch_ns == 0 {
@@ -124,8 +124,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority
-    // that would occupy a processor.
+    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority that
+    // would occupy a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)
@@ -287,12 +287,13 @@ impl<'a> LiveWorld<'a> {
             return;
         };
         if let Some(line) = &mut self.receiver {
-            // A broken line stays silent, which the drone's computer reports.
+            // A broken line stays silent, and the drone's computer reports the silence.
             self.corrections = line.exchange(&readings.receiver).unwrap_or_default();
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Only data of the camera are sent, and of the rangefinder, which a firmware's plant lacks.
+            // Of the simulated autopilot's data only the camera's are sent, and the rangefinder's, which a firmware's
+            // plant lacks.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,
@@ -320,7 +321,7 @@ impl<'a> LiveWorld<'a> {
         ]);
     }
 
-    /// Judged outcome; also draws the plot of the landing.
+    /// Outcome judged from the truth; also draws the plot of the landing.
     fn report(&mut self) -> Result<WorldReport, CliError> {
         let (world, landing) = (self.world, &mut self.landing);
         let sim_time_s = self.physics.now().secs();

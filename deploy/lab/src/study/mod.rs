@@ -56,7 +56,7 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Flies the study called `name`, or that of the file of that name.
+/// Flies the study `name`, or the study in the file with that name.
 fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;

@@ -35,7 +35,7 @@ pub struct FlightsArgs {
 struct Row {
     path: PathBuf,
     begun: String,
-    /// complete, running, cut off, or damaged.
+    /// State of the files: complete, running, cut off, or damaged.
     files: &'static str,
     /// Number of files, and number of files without an end.
     parts: usize,

@@ -1,7 +1,7 @@
 //! `alight init`: asks the installer about boat and drone, then writes and checks both computers' files.
 //!
-//! The files are the shipped ones, with their comments and with the answers as values. The configuration's
-//! own checks validate each answer before the next question.
+//! The files are the shipped ones with their comments; the answers replace the values. The configuration's own checks
+//! validate each answer before the next question.
 
 #[cfg(test)]
 mod tests;
@@ -29,7 +29,7 @@ alight init --out boat < answers.txt\n\
 Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as missing certificates."
 )]
 pub struct InitArgs {
-    /// Directory of vessel.toml and drone.toml, made if missing; existing files are kept
+    /// Directory of vessel.toml and drone.toml, created if missing; existing files are kept
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 }
@@ -49,10 +49,10 @@ enum BoatFile {
     Drone,
 }
 
-/// Key of a file: file, table ("" for the file's own keys) and name.
+/// Key of a file: file, table ("" for top-level keys) and name.
 type Place = (BoatFile, &'static str, &'static str);
 
-/// Question for a value, and the keys that are set to it.
+/// Question for a value, and the keys that are set to the answer.
 struct Question(&'static str, &'static [Place]);
 
 const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
@@ -194,7 +194,7 @@ impl Boat {
         let value = self.value((BoatFile::Drone, table, key));
         value.and_then(|v| v.parse().ok()).unwrap_or_default()
     }
-    /// Scales the shipped drone's moments of inertia to this mass and arm.
+    /// Scales the shipped drone's moments of inertia to this mass and arm length.
     fn scale_inertia(&mut self) {
         let mut shipped = Boat::shipped();
         let size = |boat: &mut Boat| {
@@ -210,7 +210,7 @@ impl Boat {
             .collect();
         self.set(INERTIA, &format!("[{}]", scaled.join(", ")));
     }
-    /// Sets values that follow from the answers: names of certificates, maximum thrust, tags that suit the deck.
+    /// Sets values that follow from the answers: names of certificates, maximum thrust, tags that fit the deck.
     fn derive(&mut self) -> Result<(), CliError> {
         let hovers = |boat: &mut Boat| {
             let mass_kg = boat.number("drone.airframe", "mass_kg");
@@ -242,8 +242,8 @@ impl Boat {
     }
 }
 
-/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and
-/// headings. A value of several lines is an array and ends with its bracket.
+/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and headings. A
+/// value of several lines is an array and ends with its bracket.
 fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     let (mut table, mut open) = ("", None);
     text.lines().map(move |line| {
@@ -299,7 +299,7 @@ struct Installer<R, W> {
 }
 
 impl<R: BufRead, W: Write> Installer<R, W> {
-    /// Reads one answer; an empty one keeps the present value.
+    /// Reads one answer; an empty answer keeps the present value.
     fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
         const ASKING: &str = "asking for what is installed";
         write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;
@@ -313,7 +313,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         }
         Ok(line.trim().to_owned())
     }
-    /// Asks until `take` accepts the answer, at most [`TRIES`] times, and prints why it does not.
+    /// Asks until `take` accepts the answer, at most [`TRIES`] times; prints the reason for each rejection.
     fn until(
         &mut self,
         question: &str,
@@ -348,7 +348,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             {
                 changed.scale_inertia();
             }
-            // The tags of the shipped deck may not fit another; they are chosen again at the end.
+            // The tags of the shipped deck may not fit another deck; they are chosen again at the end.
             changed.derive().map_err(|e| e.to_string())?;
             *boat = changed;
             Ok(())

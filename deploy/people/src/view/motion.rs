@@ -6,7 +6,7 @@ use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::MotionView;
 
-/// Time between two samples, ms; a roll of 2 s has eight.
+/// Time between two samples, ms; a roll period of 2 s has eight.
 const STEP_MS: i64 = 250;
 const SAMPLES: usize = 240;
 

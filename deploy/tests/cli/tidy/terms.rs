@@ -8,7 +8,6 @@ use super::source::SourceFile;
 
 pub(super) type Places = BTreeMap<String, Vec<String>>;
 
-/// Scope in which a term counts.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Scope {
@@ -66,7 +65,6 @@ fn lower_pieces(text: &str) -> Vec<String> {
     found
 }
 
-/// Tokens of a file by scope.
 fn tokens(source: &SourceFile) -> BTreeMap<Scope, Vec<Token>> {
     let mut all: BTreeMap<Scope, Vec<Token>> = BTreeMap::new();
     let mut add = |scope, row, mut pieces: Vec<String>| {
@@ -129,7 +127,6 @@ impl Rule<'_> {
     }
 }
 
-/// Rules by scope and first token.
 fn rules(bans: &Bans) -> BTreeMap<(Scope, String), Vec<Rule<'_>>> {
     let mut rules: BTreeMap<(Scope, String), Vec<Rule<'_>>> = BTreeMap::new();
     for ban in &bans.ban {

@@ -98,7 +98,7 @@ fn innovations(r: &Review) -> Table {
     table
 }
 
-/// Errors of the predictions by horizon, next to the references.
+/// Errors of the predictions by horizon, next to those of reference methods.
 fn predictions(r: &Review) -> Table {
     let heads = ["prediction", "", "by"].map(String::from);
     let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));
