@@ -86,7 +86,6 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Commands of optional features, with the feature.
 const FEATURES: [(&str, &str); 7] = [
     ("calibrate", "calibrate"),
     ("land", "lab"),

@@ -140,7 +140,7 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
         .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()));
     written.doing(format_args!(
-        "writing {} (what is there is never replaced: use it, or move it away for a new one)",
+        "writing {} (an existing file is never replaced: use it, or move it away to make a new one)",
         path.display()
     ))
 }
@@ -156,7 +156,6 @@ pub struct CertificateDetails {
     public_key: Vec<u8>,
     /// Subject key identifier, in the certificate of an authority.
     key_id: Option<Vec<u8>>,
-    /// Identifier of the signing key.
     signed_with: Option<Vec<u8>>,
 }
 
@@ -201,7 +200,6 @@ pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) ->
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }
 
-/// System clock, s since 1970.
 pub fn today_s() -> i64 {
     OffsetDateTime::now_utc().unix_timestamp()
 }

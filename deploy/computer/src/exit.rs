@@ -7,7 +7,6 @@ use alight_transport::TransportError;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// Exit code 0.
     Success,
     /// Exit code 1: the command ran, and a landing failed.
     Failed,

@@ -95,7 +95,7 @@ pub fn replay(
     let replayed: Vec<NodeReplay> = players.into_iter().flatten().map(|p| p.replayed).collect();
     if replayed.is_empty() || (log.is_recording() && replayed.iter().all(|r| r.steps == 0)) {
         return Err(CliError(format!(
-            "{}: no process is recorded from its beginning, and none can be computed again; name the flight's directory",
+            "{}: no process is recorded from its beginning, so none can be replayed; name the flight's directory",
             log.path().display()
         )));
     }
@@ -117,7 +117,7 @@ impl Player {
             return Ok(None);
         }
         if let Some(why) = not_recorded(start)? {
-            note(true, format!("{name}: {why}, and is not computed again"));
+            note(true, format!("{name}: {why}, and is not replayed"));
             return Ok(None);
         }
         let has_time = log.is_recording();
@@ -152,7 +152,7 @@ impl Player {
             note(
                 true,
                 format!(
-                    "{}: steps {first} to {last} are missing: the steps after them are not computed again",
+                    "{}: steps {first} to {last} are missing: later steps are not replayed",
                     replayed.node
                 ),
             );
@@ -212,7 +212,6 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
     })
 }
 
-/// Creates the node of a start in its initial state.
 #[derive(Clone, Copy)]
 struct Beginning<'a> {
     log: &'a Log,

@@ -58,7 +58,6 @@ impl FromStr for WrittenTime {
 }
 
 impl WrittenTime {
-    /// Time as a whole multiple of `unit`, within a range.
     pub fn whole(self, (name, unit_s): (&str, f64), range: &RangeInclusive<u32>) -> Result<u32, String> {
         let count = self.1.map_or(self.0, |s| self.0 * s / unit_s);
         let (low, high) = (*range.start(), *range.end());

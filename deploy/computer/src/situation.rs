@@ -50,7 +50,6 @@ pub struct ObservedSituation {
 }
 
 impl ObservedSituation {
-    /// Situation derived from the messages received until `now_ns`.
     pub fn of(snapshot: &Snapshot, now_ns: i64) -> ObservedSituation {
         ObservedSituation::look(snapshot, &ComputerReport::default(), now_ns)
     }

@@ -12,10 +12,8 @@ use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
-/// Default instance of a simulated landing.
 pub const SIMULATED: &str = "sim";
 
-/// Vessel's or drone's computer, by its configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Computer {
     Vessel(Box<VesselComputerConfig>),
@@ -57,7 +55,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The same computer under another instance name, if one is given.
+    /// This computer under another instance name, if one is given.
     #[must_use]
     pub fn named(mut self, instance: Option<&str>) -> Computer {
         if let Some(name) = instance {

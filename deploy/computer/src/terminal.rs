@@ -191,7 +191,6 @@ pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     }
 }
 
-/// Text wrapped for a terminal, with further lines indented.
 pub fn wrapped(text: &str) -> String {
     let mut out = String::new();
     wrap(&mut out, 2, WIDTH, text);

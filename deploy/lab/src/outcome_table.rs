@@ -22,7 +22,7 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
             "position at rest, m",
             o.rest_position_error_m,
             3,
-            "the same when all is still",
+            "the same distance once the drone is at rest",
         ),
         (
             "touchdown speed, m/s",

@@ -27,7 +27,6 @@ pub fn print_defaults() -> Result<Exit, CliError> {
 pub struct Scene {
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
-    /// Sea as named on the command line.
     pub sea: String,
     /// Flags that produce this scene, for a replay command.
     pub flags: String,

@@ -186,7 +186,6 @@ impl Coverage {
     }
 }
 
-/// Flies one storm and shrinks it if it broke a rule.
 fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     let seed = storm.seed;
     let silent = &mut |_: f64, _: &str| {};

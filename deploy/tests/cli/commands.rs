@@ -343,7 +343,7 @@ fn init_writes_both_files_once() {
     );
     let o = init("");
     assert!(
-        o.status.code() == Some(2) && stderr(&o).contains("stays as it is"),
+        o.status.code() == Some(2) && stderr(&o).contains("is not replaced"),
         "{}",
         stderr(&o)
     );

@@ -87,7 +87,6 @@ fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     Some(message)
 }
 
-/// Decodes the bytes as each message that the radio receives.
 fn decode_all(bytes: &[u8]) {
     let _sound = decoded::<EstimateUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());

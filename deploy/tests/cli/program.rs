@@ -8,7 +8,6 @@ pub fn alight(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
-/// Path of a temporary file of this test process.
 pub fn scratch(name: &str) -> PathBuf {
     let dir = std::env::temp_dir().join(format!("alight-test-{}", std::process::id()));
     std::fs::create_dir_all(&dir).expect("a directory for temporary files");

@@ -223,7 +223,7 @@ fn invalid_directories_of_flights() {
         (format!("replay {part}"), &part),
         (
             format!("replay {} --record {none}", recorded().0.display()),
-            "is no flight's directory",
+            "is not a flight's directory",
         ),
         (
             format!("calibrate vessel {empty}"),

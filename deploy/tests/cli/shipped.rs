@@ -176,7 +176,7 @@ fn helm_in_a_file_of_a_former_version() {
     }
 }
 
-/// The printed configuration of the method is the one that flies; a flight's file rejects it.
+/// A flight uses the printed configuration of the method; a computer's file rejects it.
 #[test]
 fn method_in_a_file_of_its_own() {
     let both = ["vessel", "drone"].map(|side| printed(&format!("config {side} --tuning")));

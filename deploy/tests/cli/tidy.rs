@@ -71,7 +71,6 @@ fn unread_keys(sources: &[SourceFile]) -> Vec<String> {
     unread.collect()
 }
 
-/// Message for each term in use.
 fn terms_in_use(places: &Places, bans: &Bans) -> Vec<String> {
     let messages = places.iter().map(|(term, all)| {
         let count = all.len();

@@ -79,7 +79,7 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     sent.for_each(|k| writer.send(&range(2, k)));
     assert_eq!(numbers(&reader.all(0)), (7..=depth + 6).collect::<Vec<_>>());
     assert_eq!(counts(&reader), (1 + u64::from(depth), 5));
-    assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
+    assert_eq!(writer.unsent(), 0, "a writer does not wait for a reader");
 }
 
 /// Messages of a restarted writer are also read; a restarted or late reader gets the messages sent afterwards.

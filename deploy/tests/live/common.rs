@@ -120,7 +120,6 @@ pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(
     panic!("{what}: timed out: {}", look());
 }
 
-/// Name of an instance that no other test uses.
 pub fn instance(test: &str) -> String {
     format!("{test}-{}", std::process::id())
 }
@@ -131,7 +130,6 @@ pub fn scratch(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
-/// Starts the service `name` with its file in `directory`.
 pub fn service(name: &'static str, directory: &Path, more: &[&str]) -> Service {
     with_others();
     Service::start(name, &[env!("CARGO_BIN_EXE_alight")], directory, more).expect("starts")
@@ -157,7 +155,6 @@ pub fn free_port() -> u16 {
     socket.local_addr().expect("an address").port()
 }
 
-/// Sends `signal`, such as -STOP, to a process.
 pub fn signal(pid: u64, signal: &str) {
     let done = Command::new("kill").args([signal, &pid.to_string()]).status();
     assert!(done.expect("kill runs").success());

@@ -298,7 +298,6 @@ pub struct StandIn {
 }
 
 impl StandIn {
-    /// Starts looking for the plant.
     pub fn start(name: &str, flight: &FirmwareFlight) -> StandIn {
         let firmware = flight.firmware;
         let plant = free_port();
@@ -336,7 +335,6 @@ impl StandIn {
             config,
         }
     }
-    /// Ends the stand-in and returns the firmware's final state.
     pub fn end(self) -> SimulatedAutopilot {
         self.end.store(true, Ordering::Relaxed);
         let _removed = std::fs::remove_file(self.config);

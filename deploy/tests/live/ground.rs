@@ -85,7 +85,6 @@ impl GroundStation {
     }
 }
 
-/// Starts `status --watch` without a terminal.
 pub fn watch(instance: &str) -> Child {
     started(format!("status --watch --instance {instance}"))
 }

@@ -225,7 +225,6 @@ impl Installed {
         let config = self.file("drone.toml");
         run("drone", format!("command {order} --json --config {config}"))
     }
-    /// Arguments of an operator's command from ashore, with the certificate in `keys`.
     fn ashore(&self, order: &str, keys: &str) -> String {
         let (endpoint, keys) = (&self.endpoint, self.file(keys));
         format!("command {order} --json --vessel {endpoint} --keys {keys}")
@@ -239,7 +238,6 @@ impl Installed {
         let out = run("vessel", format!("status --json --config {config}"));
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
-    /// Output of `status` once `wanted` is true.
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         for _ in 0..200 {
             let now = self.status();
@@ -328,7 +326,6 @@ fn fresh(status: &Value) -> bool {
     status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
 }
 
-/// Lets the packages' users read the files of this test.
 fn open_to_all(directory: &Path) {
     let mut waiting = vec![directory.to_path_buf()];
     while let Some(path) = waiting.pop() {
@@ -364,7 +361,6 @@ fn landing_of_the_shipped_configurations() {
     all.assert_success();
 }
 
-/// Path of the radio's datagrams between a drone and the vessel.
 struct RadioPath {
     silent: Arc<AtomicBool>,
     end: Arc<AtomicBool>,

@@ -66,7 +66,6 @@ pub fn status(instance: &str) -> Value {
     status
 }
 
-/// Output of `status` once `wanted` is true.
 #[track_caller]
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     once("status", || status(instance), wanted)
@@ -116,7 +115,7 @@ fn assert_gone(instance: &str, pids: &[u64]) {
         let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         assert!(
             state.is_empty() || state.contains(") Z"),
-            "process {pid} is left: {state}"
+            "process {pid} still runs: {state}"
         );
     }
     let prefix = format!("alight_{instance}_");

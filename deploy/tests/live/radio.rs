@@ -95,7 +95,7 @@ fn abort_after_ten_thousand_states() {
                 return sent;
             }
         }
-        panic!("only {} states gave way", drone.counts().dropped);
+        panic!("only {} states were dropped", drone.counts().dropped);
     };
     let before = flood(&mut vessel, &drone, 10_000);
     vessel.send(1, b"abort".into());

@@ -133,7 +133,6 @@ impl Person {
             [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
         );
     }
-    /// Next action of the pilot; called at each heartbeat.
     fn act(&mut self) {
         self.send(&MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: 8,

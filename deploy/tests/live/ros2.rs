@@ -109,7 +109,6 @@ fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> 
     }
 }
 
-/// Calls a service with this attachment; returns the response with its attachment, or the error.
 fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Response, Vec<u8>), String> {
     let replies = session
         .get(key)
@@ -171,7 +170,6 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
-/// Attachment of a request of this age.
 fn attachment(age: Duration) -> Vec<u8> {
     let sent = SystemTime::now() - age;
     let since = sent.duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");

@@ -171,7 +171,7 @@ fn vessel_process_with_its_sensors() {
             std::thread::sleep(Duration::from_millis(50));
             UdpSocket::bind(&udp).is_ok()
         }),
-        "the sensors' process is left"
+        "the sensors' process still runs"
     );
     end.send(()).unwrap();
     mast.join().unwrap();

@@ -17,7 +17,6 @@ fn server() -> (TcpListener, String) {
     let url = format!("ws://{}", listener.local_addr().unwrap());
     (listener, url)
 }
-/// Accepts the next client and sends it the server's greeting.
 fn client(listener: &TcpListener) -> WebSocket<TcpStream> {
     let (stream, _) = listener.accept().unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();

@@ -76,7 +76,6 @@ impl Vessel {
         let out = run(format!("status --json --config {}", self.config.display()));
         serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
     }
-    /// Output of `status` once `wanted` is true.
     #[track_caller]
     fn status_when(&self, what: &str, wanted: impl FnMut(&Value) -> bool) -> Value {
         common::once(what, || self.status(), wanted)

@@ -27,7 +27,7 @@ fn drone(config: &RadioConfig) -> Radio {
     let publications = vec![Publication::new(STATUS, Urgency::Status).of(&topics::DRONE_STATUS)];
     Radio::open(config, publications, vec![Subscription::asked(WAVE)]).expect("opens")
 }
-/// First message that the radio receives while it queries; None if there is none.
+/// First message that the radio receives while it queries; None without one.
 fn asked(radio: &mut Radio, tries: usize) -> Option<Received> {
     (0..tries).find_map(|_| {
         radio.ask();
@@ -125,7 +125,7 @@ fn foreign_program_on_the_radio() {
         let replies = replies.expect("asks").into_iter();
         replies.filter_map(|r| r.into_result().ok()).collect()
     };
-    assert!(newest_for(1000).is_empty(), "a question that brings so much");
+    assert!(newest_for(1000).is_empty(), "a query with so large a payload");
     let mut newest = Vec::new();
     assert_until("no message is answered", || {
         newest = newest_for(0);

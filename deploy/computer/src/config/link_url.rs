@@ -27,7 +27,6 @@ pub enum LinkUrl {
     /// Listens for one connection, optionally from this address only.
     TcpIn(String, Option<IpAddr>),
     TcpOut(String),
-    /// Device and rate, Bd.
     Serial(PathBuf, u32),
     /// Read only.
     Can(String),
@@ -86,14 +85,12 @@ impl LinkUrl {
     }
 }
 
-/// Whether the host is a loopback address.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
     let address = host.trim_matches(['[', ']']).parse::<IpAddr>();
     address.map_or(host == "localhost", |a| a.is_loopback())
 }
 
-/// Parses a serial port's address without its scheme.
 fn serial(rest: &str) -> Result<LinkUrl, &'static str> {
     let (path, baud) = match rest.rsplit_once(':') {
         Some((path, baud)) => (path, baud.parse().map_err(|_| "not a baud rate")?),

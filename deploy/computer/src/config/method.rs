@@ -103,7 +103,6 @@ impl KeyOwner {
             KeyOwner::Flight
         }
     }
-    /// Part of the table `at` (dotted name) that this owner sets.
     fn part(self, table: &Table, at: &str) -> Table {
         let own = table.iter().filter_map(|(name, value)| {
             let key = dotted(at, name);
@@ -211,7 +210,6 @@ pub fn divided<T: Serialize + Default>(config: &T) -> Result<[Table; 2], toml::s
     Ok([KeyOwner::Flight.part(&all, ""), unlike(&tuned, &default)])
 }
 
-/// Entries of `table` that differ from `other`.
 fn unlike(table: &Table, other: &Table) -> Table {
     let differing = table.iter().filter_map(|(key, value)| {
         let there = other.get(key);

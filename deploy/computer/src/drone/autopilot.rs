@@ -84,7 +84,6 @@ impl Speakers {
     }
 }
 
-/// Decoder of a receiver's bytes.
 trait ReceiverBytes: Default {
     fn take(&mut self, bytes: &[u8]);
     fn next_message(&mut self) -> Option<MavlinkMessage>;

@@ -103,7 +103,6 @@ impl ProcessEdge<Bridge> for RadioEdge {
         self.port.send(RadioTopic::TimeRequest, &out.time_request);
         self.port.send(RadioTopic::Status, &out.status);
     }
-    /// Adds the node's rejections by reason.
     fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
         let counts = radio.counts();
@@ -161,7 +160,6 @@ fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     }
 }
 
-/// Decodes a report of the vessel's process; None if the bytes are invalid.
 fn vessel_report(bytes: &[u8]) -> Option<ProcessState> {
     let report = wire::decode::<ProcessState>(bytes).ok()?;
     // Times in the report are on the vessel's clock; only their difference is kept.

@@ -54,7 +54,6 @@ const FOREIGN_PERIOD: Span = Span::from_millis(2000);
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
 pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
-    /// Image source, with its width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
     /// Time of each detection, with the line to print for it.
@@ -247,7 +246,6 @@ impl<D: Detector> CameraEdge<D> {
 }
 
 enum SourceEvent {
-    /// Image, its number, and the exposure setting if known.
     Image(CameraFrame, u64, Option<Exposed>),
     /// Reason why the device's own automatic exposure is in use.
     Automatic(String),

@@ -20,13 +20,12 @@ const MAX_BYTES: u64 = 16 << 20;
 
 pub enum Images {
     Device(Device),
-    /// In the order of their names.
+    /// PGM files of a directory, in the order of their names.
     Files(Files),
     Pipe(Pipe),
 }
 
 impl Images {
-    /// Opens the source in `config` for images of `size` (width, height), px.
     pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
         let doing = format_args!("opening the camera's source {}", config.source);

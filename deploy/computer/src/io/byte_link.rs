@@ -21,7 +21,6 @@ const MAX_BACKOFF: Duration = Duration::from_secs(2);
 const MAX_READS: usize = 16;
 /// Maximum length of a datagram, or of one read from a stream, bytes.
 const MAX_READ_BYTES: usize = 2048;
-/// Maximum number of bytes per arrival.
 pub const MAX_AT_ONCE: usize = MAX_READS * MAX_READ_BYTES;
 
 pub struct ByteLink {

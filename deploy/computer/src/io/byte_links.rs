@@ -44,7 +44,6 @@ impl ByteLinks {
             None => core::future::pending().await,
         }
     }
-    /// Next event, without waiting.
     pub fn arrived(&mut self) -> Option<ByteArrival> {
         self.arrivals.try_recv().ok()
     }

@@ -53,7 +53,6 @@ pub enum LinkReceived {
     /// Number of bytes in the buffer, and the sender of a datagram.
     Bytes(usize, Option<SocketAddr>),
     Peer(TcpStream),
-    /// Rejected connection from a foreign address.
     Foreign(SocketAddr),
 }
 

@@ -200,14 +200,16 @@ fn closed(close_reason: &str) -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, why)
 }
 
-/// Error for a failed WebSocket handshake.
 fn rejected(e: &Error) -> io::Error {
     let what = match e {
         Error::Http(answer) if matches!(answer.status().as_u16(), 401 | 403) => {
             "the server asks for a token: let its administrator make one, and add ?token=FILE to the address"
                 .into()
         }
-        Error::Http(answer) => format!("the server answers {}: it is no Signal K server", answer.status()),
+        Error::Http(answer) => format!(
+            "the server answers {}: it is not a Signal K server",
+            answer.status()
+        ),
         e => e.to_string(),
     };
     io::Error::new(ErrorKind::ConnectionAborted, what)
@@ -290,7 +292,7 @@ mod tests {
 
     #[tokio::test]
     async fn signalk_server_that_asks_for_a_token() {
-        for (status, why) in [(401, "?token=FILE"), (404, "no Signal K server")] {
+        for (status, why) in [(401, "?token=FILE"), (404, "not a Signal K server")] {
             let (listener, host) = listening().await;
             let server = tokio::spawn(server(listener, Vec::new(), Some(status)));
             let connected = SignalKSocket::connect(&host, Subscribe::Own, None).await;

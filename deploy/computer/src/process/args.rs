@@ -26,7 +26,7 @@ pub struct ProcessArgs {
     pub scheduling: Scheduling,
 }
 
-/// A recording to write, whose name has to end in .mcap.
+/// Path of a recording to write; the name must end in .mcap.
 pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")) {
@@ -112,10 +112,9 @@ impl Scheduling {
         }
         flags
     }
-    /// Applies the scheduling to this thread and to threads that it starts later.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
-            warn!("processors {:?}: not permitted, or not there", self.processors);
+            warn!("processors {:?}: not permitted or absent", self.processors);
         }
         if self.realtime.is_some_and(|p| !scheduling::set_real_time(p)) {
             warn!("real-time priority {:?} is not permitted", self.realtime);

@@ -30,7 +30,6 @@ pub struct PersistentCheckpoints {
 }
 
 impl PersistentCheckpoints {
-    /// A store without checkpoints.
     pub fn join(memory: &Memory) -> Result<PersistentCheckpoints, CliError> {
         Ok(PersistentCheckpoints {
             kept: Republisher::join(memory, CheckpointStore::default())?,
@@ -100,7 +99,7 @@ impl CheckpointFile {
                 failed: false,
             }),
             Err(e) => {
-                warn!("no checkpoint outlives the supervisor: reading {COMPUTER_BOOT}: {e}");
+                warn!("checkpoints are lost if the supervisor crashes: reading {COMPUTER_BOOT}: {e}");
                 None
             }
         }
@@ -110,8 +109,8 @@ impl CheckpointFile {
         match read(&self.path) {
             Ok(None) => {}
             Ok(Some(bytes)) => match checkpoints.restore(now, &self.computer_boot, &bytes) {
-                Ok(()) => info!("the nodes are given the checkpoints of a crashed supervisor"),
-                Err(why) => warn!("{path}: the checkpoints of the former supervisor do not count: {why}"),
+                Ok(()) => info!("the nodes receive the checkpoints of a crashed supervisor"),
+                Err(why) => warn!("{path}: the checkpoints of the former supervisor are ignored: {why}"),
             },
             Err(e) => warn!("{path}: reading the checkpoints of the former supervisor: {e}"),
         }
@@ -126,7 +125,7 @@ impl CheckpointFile {
         let written = bytes.and_then(|bytes| replace(&self.path, &bytes, false).map_err(|e| e.to_string()));
         if let Some(e) = written.as_ref().err().filter(|_| !self.failed) {
             warn!(
-                "{}: writing the checkpoints: {e}: they do not outlive the supervisor",
+                "{}: writing the checkpoints: {e}: they are lost if the supervisor crashes",
                 self.path.display()
             );
         }
@@ -136,7 +135,7 @@ impl CheckpointFile {
 
 const HOLDS: Holds = Holds {
     what: "the flight's purpose",
-    lost: "the flight's purpose does not outlive a reboot of the computer",
+    lost: "the flight's purpose is lost if the computer reboots",
     misleads: false,
 };
 
@@ -177,7 +176,7 @@ impl LastingFile {
                 due: Periodic::default(),
             }),
             Err(e) => {
-                warn!("{at}: no thread writes the flight's purpose: {e}");
+                warn!("{at}: starting the thread that writes the flight's purpose: {e}");
                 None
             }
         }

@@ -14,7 +14,6 @@ use crate::exit::CliError;
 use crate::process::life::draw_boot;
 
 const PERIOD_NS: i64 = 500_000_000;
-/// Period at which the certificate's file is read again, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
 #[derive(Clone, Debug)]

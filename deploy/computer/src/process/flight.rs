@@ -83,7 +83,6 @@ impl FlightLog {
     fn t_s(&self, now_ns: i64) -> f64 {
         seconds(now_ns - self.begun_ns)
     }
-    /// Records a drone's state, its reason for entering the state, and the condition that it waits for.
     pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)
@@ -151,7 +150,6 @@ impl FlightLog {
             self.summary.figures.insert(name.into(), value);
         }
     }
-    /// Raises a metric to at least `value`.
     pub fn max(&mut self, name: &str, value: f64) {
         let before = self.summary.figures.get(name).copied();
         self.set(name, before.map_or(value, |b| b.max(value)));

@@ -14,7 +14,6 @@ pub const CHECKPOINTS_FILE: &str = "checkpoints";
 /// File that exists once all services run, so that observers may join. It holds the owner's process id, because a
 /// killed owner leaves the file behind.
 const READY_FILE: &str = "ready";
-/// Maximum number of attempts to claim a name in use.
 const MAX_TRIES: u32 = 20;
 const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 

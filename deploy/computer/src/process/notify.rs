@@ -9,7 +9,6 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 
 /// Period of watchdog messages, ns; every common watchdog timeout is several times longer.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
-/// Maximum length of a status line, characters.
 const MAX_STATUS: usize = 200;
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 

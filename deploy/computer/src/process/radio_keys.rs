@@ -2,11 +2,9 @@
 
 use alight_shared::topics;
 
-/// Key of `topic` as published by vessel `id`.
 pub fn vessel_key(id: u32, topic: &str) -> String {
     format!("alight/vessel-{id}/{topic}")
 }
-/// Key of `topic` as published by drone `id`.
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }

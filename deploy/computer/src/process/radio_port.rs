@@ -78,7 +78,6 @@ impl RadioPort {
             self.radio.send(publication, bytes);
         }
     }
-    /// Rates of the sent topics, updated with the counters at `now_ns`.
     pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.rates.since(&self.radio, now_ns)
     }

@@ -25,7 +25,6 @@ impl RadioRates {
             samples: VecDeque::new(),
         }
     }
-    /// Rates over the window, updated with a sample at `now_ns`.
     pub fn since(&mut self, radio: &Radio, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.update(radio.flows().to_vec(), now_ns)
     }

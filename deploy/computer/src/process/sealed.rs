@@ -22,7 +22,6 @@ use crate::exit::{CliError, Doing};
 /// Maximum age of a copy that a successor continues to use: a hundred times the service manager's delay before it
 /// starts one.
 const MAX_AGE: Duration = Duration::from_secs(10);
-/// Period of the comparison of file and copy, ns.
 const LOOK_PERIOD_NS: i64 = 1_000_000_000;
 const MAX_BYTES: u64 = 1 << 20;
 
@@ -32,7 +31,6 @@ pub struct SealedConfig {
     text: String,
     edited: bool,
     next_look_ns: i64,
-    /// No process has used the copy yet.
     unused: bool,
 }
 
@@ -123,7 +121,7 @@ impl Drop for SealedConfig {
     }
 }
 
-/// Configuration text of the running service that was started with the file `origin`; None if there is none or it
+/// Configuration text of the running service that was started with the file `origin`; None without one or if it
 /// belongs to another user.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)

@@ -37,7 +37,6 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 pub struct ComputerService<'a> {
     pub instance: &'a str,
     pub facts: Facts,
-    /// Name of the computer in its flights.
     pub computer: String,
     pub recorder: &'a RecorderConfig,
     pub silence_timeout_s: f64,

@@ -90,7 +90,6 @@ impl<T: Plain> Newest<T> {
     pub fn is_old(&self, now_ns: i64) -> bool {
         self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
     }
-    /// The value, unless it is old.
     pub fn fresh(&self, now_ns: i64) -> Option<&T> {
         self.value.as_ref().filter(|_| !self.is_old(now_ns))
     }

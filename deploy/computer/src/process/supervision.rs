@@ -33,7 +33,6 @@ pub struct SupervisorLimits {
 pub struct Observed {
     pub kind: ProcessKind,
     pub running: bool,
-    /// Time of the newest report, if any.
     pub reported: Option<Time<SteadyClock>>,
 }
 
@@ -133,14 +132,12 @@ impl Child {
             SupervisorAction::Kill(self.kind, silence_s)
         })
     }
-    /// Permitted silence, s.
     fn allowed_s(&self, timeout_s: f64) -> f64 {
         let factor = if self.ready.is_some() { 1.0 } else { START_FACTOR };
         timeout_s * factor * f64::from(1_u32 << self.silences.min(MAX_DOUBLINGS))
     }
 }
 
-/// The supervisor's decisions as a node.
 #[derive(Clone, Debug)]
 pub struct SupervisorNode {
     limits: SupervisorLimits,

@@ -220,7 +220,7 @@ impl Supervisor {
                 SupervisorAction::GiveUp(kind) => {
                     let error = self.last_error_line(kind).unwrap_or_default();
                     return Err(CliError(format!(
-                        "the process {} ended again and again: {error}",
+                        "the process {} ended repeatedly: {error}",
                         kind.name()
                     )));
                 }
@@ -232,7 +232,6 @@ impl Supervisor {
     pub fn output_lines(&self) -> Vec<String> {
         self.lines.1.try_iter().collect()
     }
-    /// Waits for the last lines of an ended process.
     pub fn remaining_lines(&self) -> Vec<String> {
         let first = self.lines.1.recv_timeout(Duration::from_millis(500));
         first.into_iter().chain(self.lines.1.try_iter()).collect()

@@ -80,7 +80,6 @@ impl Snapshot {
         table.text()
     }
 
-    /// Table of the topics, with the values of each reader.
     pub fn topics(&self) -> String {
         let heads = [
             "reader",

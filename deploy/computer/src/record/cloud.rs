@@ -7,7 +7,6 @@ use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
 use crate::record::geometry::{frame, pose};
 
-/// Distance between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
 /// Maximum number of points of one line or circle, which bounds the message for a deck of any length.
 const POINTS: u32 = 400;

@@ -20,14 +20,11 @@ pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects every other format.
 pub const FORMAT: u32 = 22;
 
-/// One step of a node.
 #[derive(Serialize, Deserialize)]
 pub struct Entry<I> {
-    /// The node's own time, ns.
     pub now_ns: i64,
     pub input: I,
     pub references: References,
-    /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 

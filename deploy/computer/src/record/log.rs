@@ -18,7 +18,6 @@ use crate::record::{About, FOREIGN_PLANS, LIVE};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {
-    /// Process, and number of the first step in the files.
     pub header: PartHeader,
     /// Files with its steps, in order.
     pub files: Vec<PathBuf>,
@@ -45,7 +44,6 @@ impl ProcessStart {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// Kind of the process; None for a supervisor.
     pub fn kind(&self) -> Option<ProcessKind> {
         ProcessKind::named(&self.header.process)
     }
@@ -134,7 +132,6 @@ impl Log {
             ))
         })
     }
-    /// UTC minus the true time, if known.
     pub fn utc_ahead(&self) -> Result<Span, CliError> {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
@@ -144,7 +141,6 @@ impl Log {
         }
         Ok(Span::from_nanos(0))
     }
-    /// Limits the log to the starts of these processes.
     pub fn only(mut self, processes: &[&str]) -> Log {
         self.starts
             .retain(|s| processes.contains(&s.header.process.as_str()));

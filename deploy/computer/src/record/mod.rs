@@ -34,7 +34,6 @@ pub const WORLD: &str = "world";
 const EXTENSION: &str = "mcap";
 /// Metadata record that identifies the process of a file's steps; one for each process.
 const PROCESS: &str = "process";
-/// Metadata record of a recording.
 const RECORDING: &str = "recording";
 /// Key in that record: 0 if the nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";

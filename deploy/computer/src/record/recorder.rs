@@ -17,7 +17,6 @@ use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, FOREIGN_PLANS, RECORDING};
 
-/// Writer of the steps of a running flight or of a replayed log.
 pub struct Recorder {
     pub sink: Sink,
     pub views: Views,

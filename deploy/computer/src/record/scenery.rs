@@ -22,7 +22,6 @@ pub struct Scenery {
     scene: ViewTopic<SceneUpdate>,
     deck_points: ViewTopic<PointCloud>,
     drone_points: ViewTopic<PointCloud>,
-    /// Period at which shapes are sent, ms.
     period_ms: i64,
     /// Whether the most recent shapes included the drone.
     shown: Option<bool>,
@@ -63,7 +62,6 @@ impl Scenery {
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// Shows the drone at its estimated pose.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,

@@ -12,7 +12,6 @@ use crate::record::entry::{ENCODING, PartHeader};
 use crate::record::{PROCESS, topic};
 
 const CHUNK_BYTES: u64 = 1 << 20;
-/// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -127,7 +126,6 @@ impl Sink {
             metadata: values,
         })
     }
-    /// Writes a message with this sequence number in its channel.
     pub fn write(
         &mut self,
         channel: ChannelId,

@@ -51,7 +51,6 @@ pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
     Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or(Timestamp::MAX)
 }
 
-/// Whether `t` is a multiple of the period.
 pub fn due(t: Time<TrueTime>, period_ms: i64) -> bool {
     t.nanos() % (period_ms * 1_000_000) == 0
 }

@@ -57,7 +57,6 @@ impl VesselRadio {
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }
-    /// Abandons the session of an ending process.
     pub fn abandon(&mut self) {
         self.port.radio.abandon();
     }

@@ -198,14 +198,13 @@ impl Fault {
     }
 }
 
-/// Number of datagrams from foreign senders, and the newest sender.
 type Foreign = Option<(u64, SocketAddr)>;
 
 pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
     let (count, from) = foreign?;
     Some(Remark::fault(
         format!("{from} sends to the same port: {count} datagrams left out"),
-        "the first sender of measurements has the port: give each device a port and a source of its own",
+        "only the first sender of measurements is accepted: give each device a separate port and source",
     ))
 }
 

@@ -54,7 +54,6 @@ fn with_continuous_yaw(trace: &Trace) -> Trace {
 type Value<'a> = (&'a str, usize, usize, &'a dyn Fn(&TracePoint) -> f64);
 
 struct Panel<'a> {
-    /// Name and unit of the vertical axis.
     name: &'a str,
     values: &'a [Value<'a>],
 }

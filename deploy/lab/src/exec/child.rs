@@ -46,7 +46,6 @@ pub struct AnsweringChild {
 }
 
 impl AnsweringChild {
-    /// Starts `command` in the shell, in a separate process group.
     pub fn start(command: &str, limits: AnswerLimits) -> Result<AnsweringChild, String> {
         let mut child = Command::new("sh")
             .args(["-c", command])
@@ -70,7 +69,6 @@ impl AnsweringChild {
         })
     }
 
-    /// Answer to `line`, and the time taken for it.
     pub fn ask(&mut self, line: String) -> Result<(Vec<u8>, Span), String> {
         if self.answers.try_recv().is_ok() {
             return Err("wrote a line that answers no input".into());

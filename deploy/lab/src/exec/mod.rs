@@ -115,7 +115,7 @@ impl Law for ExecLaw {
 fn fail(report: &LawReport, why: String) {
     note(
         true,
-        format_args!("the planner {why}: the flight goes on without plans"),
+        format_args!("the planner {why}: the flight continues without plans"),
     );
     report.get().failure = Some(why);
 }

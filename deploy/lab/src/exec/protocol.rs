@@ -243,11 +243,10 @@ pub enum Answer {
 }
 
 impl PlannerAnswer {
-    /// Parses and checks the line that answers the input of `now`.
     pub fn read(line: &[u8], now: Time<DroneClock>) -> Result<Answer, String> {
         let answer: PlannerAnswer = serde_json::from_slice(line).map_err(|e| {
             let begin: String = String::from_utf8_lossy(line).chars().take(40).collect();
-            format!("answered {begin:?}, which is not its line of JSON ({e})")
+            format!("answered {begin:?}, which is not the expected line of JSON ({e})")
         })?;
         if answer.version != PLANNER_VERSION {
             let version = answer.version;

@@ -123,7 +123,6 @@ fn flight_whose_planner_ends_goes_on_without_plans() {
     assert!(outcome.reason.ends_with(why), "{}", outcome.reason);
 }
 
-/// Answers by time on the drone's clock.
 #[derive(Default)]
 struct Plans(BTreeMap<i64, Plan>);
 

@@ -49,7 +49,6 @@ impl AutopilotKind {
 pub struct LinkImpairment {
     /// Reading of the steady clock at the profile's time zero, ns.
     pub epoch_ns: i64,
-    /// Seed of the drawn losses and delays.
     pub seed: u64,
     /// Outage that begins when the mission first enters a state.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -57,16 +56,13 @@ pub struct LinkImpairment {
     pub profile: SimulatedRadioConfig,
 }
 
-/// Layer between a process and its messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attachments {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
-    /// Planner that the drone's program does not include.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
-    /// Command of a planner that is another program.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exec: Option<String>,
 }
@@ -170,7 +166,6 @@ pub fn free_port() -> Result<u16, CliError> {
     Ok(address.port())
 }
 
-/// Flags of the process `name` with these attachments.
 pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
     let path = |p: &Path| p.display().to_string();
     ["attach".into(), name.into()]

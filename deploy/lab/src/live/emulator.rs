@@ -68,7 +68,6 @@ impl Check for Emulation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmulatorReport {
-    /// Packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
 }
 

@@ -21,7 +21,6 @@ pub struct FaultSpec {
     pub moment: Moment,
 }
 
-/// Kinds of fault that affect one process.
 fn kinds() -> impl Iterator<Item = FaultKind> {
     FaultKind::ALL
         .iter()
@@ -71,7 +70,6 @@ pub struct FaultReport {
     pub fault: String,
     /// Time of the fault since the start, s; null if it did not occur.
     pub at_s: Option<f64>,
-    /// The mission's state at the fault.
     pub state: Option<State>,
     /// Time from the fault to the next message of the process, s; null if none arrived.
     pub recovery_s: Option<f64>,
@@ -93,19 +91,16 @@ impl fmt::Display for FaultReport {
     }
 }
 
-/// Observation of a running landing.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInput {
     pub t_s: f64,
     pub mission: Option<MissionState>,
-    /// The process that the fault affects.
     pub process: Option<ProcessState>,
     pub contact: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LiveAct {
-    /// Signal to the process with this id.
     Signal(u32, Signal),
     Order(CommandKind),
 }
@@ -116,7 +111,6 @@ pub const ORDERS: [(FaultKind, CommandKind); 3] = [
     (FaultKind::OrderedAgain, CommandKind::Land),
 ];
 
-/// Fault or order in progress.
 pub struct LiveFault {
     timer: FaultTimer,
     /// Start of the phase or time of the contact, since the start of the landing, s.

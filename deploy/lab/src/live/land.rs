@@ -44,7 +44,6 @@ const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// Silence after which a process is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
-/// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
 /// Rows of the outcome without --verbose.
 const BRIEF_ROWS: usize = 5;
@@ -58,7 +57,6 @@ const COMMAND_REPEAT_S: f64 = 1.0;
 /// Time for which a viewed landing continues after its end, s: an abort's climb and hold, or the drone on the deck.
 const VIEWED_S: f64 = 20.0;
 
-/// Scene of the flags, with the flags of the live system applied.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
@@ -168,7 +166,6 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
     Ok(())
 }
 
-/// Result of a landing that was not stopped from outside.
 struct Ending {
     result: WorldReport,
     usage: String,
@@ -232,7 +229,6 @@ struct Landing<'a> {
     /// The mission has left its idle state for the landing.
     begun: bool,
     state: State,
-    /// Time of the newest status line, steady clock, ns.
     shown_ns: i64,
     phases: Vec<PhaseEntry>,
     faults: Vec<LiveFault>,
@@ -364,7 +360,6 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Injects the faults and gives the orders that are due.
     fn poll_faults(&mut self, now: Time<DroneClock>) -> Result<(), CliError> {
         let (t_s, snapshot, alone) = (self.t_s(), &self.observer.snapshot, self.args.form.alone());
         let mut orders = Vec::new();
@@ -415,7 +410,6 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Records the mission's phase, and shows it with a status line.
     fn phase(&mut self, t_s: f64, shown: bool) {
         let clear = || {
             if shown {

@@ -6,7 +6,6 @@ use std::process::{Command, Stdio};
 use alight_computer::exit::{CliError, Doing};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-/// Addresses of vessel and drone.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
 /// Maximum packet size, bytes; the usual value, so that packets are fragmented as at sea.
 const MTU: u16 = 1500;
@@ -73,7 +72,6 @@ impl Namespaces {
         ip(&["-n", &space, "link", "set", "radio", "up"])?;
         Ok(device)
     }
-    /// Command prefix that runs a command in the namespace.
     pub fn enter(&self, side: usize) -> Vec<String> {
         ["ip", "netns", "exec", &self.space(side)]
             .map(String::from)

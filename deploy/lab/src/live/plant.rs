@@ -49,7 +49,6 @@ pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
     }
 }
 
-/// Waits until the clock reads `t`, at most one tick.
 pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
     let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
@@ -72,7 +71,6 @@ enum Link {
     },
     Ardupilot {
         socket: UdpSocket,
-        /// Sender and number of the last request.
         asker: Option<(SocketAddr, u32)>,
         motors: Option<[f64; MAX_ROTORS]>,
     },
@@ -336,7 +334,7 @@ fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
             .and_then(|()| new.set_read_timeout(Some(READ)))
             .is_ok()
     {
-        terminal::line(format_args!("world: PX4 is there ({from})"));
+        terminal::line(format_args!("world: PX4 connected ({from})"));
         *stream = Some(new);
     }
 }
@@ -400,7 +398,7 @@ fn ardupilot_turn(
                 let _lost = socket.send_to(answer.as_bytes(), from);
             } else {
                 if asker.is_none() {
-                    terminal::line(format_args!("world: ArduPilot is there ({from})"));
+                    terminal::line(format_args!("world: ArduPilot connected ({from})"));
                 }
                 *asker = Some((from, servos.frame));
                 return Some(servos);
@@ -447,7 +445,7 @@ mod tests {
                 alight_computer::process::supervisor::pause(Duration::from_millis(1));
                 done
             })
-            .expect("the motors as wanted")
+            .expect("motor commands that satisfy `wanted`")
     }
     fn quarter(motors: Option<[f64; MAX_ROTORS]>) -> bool {
         motors.is_some_and(|m| m.iter().all(|s| (s - 0.25).abs() < 1e-3))

@@ -37,8 +37,10 @@ pub struct RenderThread {
 
 enum Sink {
     /// Shared memory of the drone, which must outlive its port.
-    Memory { images: ImagePublisher, _memory: Memory },
-    /// Device of the drone's computer.
+    Memory {
+        images: ImagePublisher,
+        _memory: Memory,
+    },
     Pipe(Pipe),
 }
 

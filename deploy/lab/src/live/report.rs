@@ -25,7 +25,6 @@ pub struct ProcessUsage {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
-    /// Restarts of processes.
     pub restarts: u32,
     pub processes: Vec<ProcessUsage>,
     /// Delay from a measurement on the vessel to the set-point on the drone, median and 99th percentile, s.
@@ -36,7 +35,6 @@ pub struct LiveReport {
     pub world_late_s: f64,
     /// Number of its ticks more than one period late.
     pub world_late_ticks: u64,
-    /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     #[serde(default)]
@@ -94,7 +92,6 @@ impl LiveReport {
         let newest = self.phases.last().filter(|_| self.is_matched);
         newest.map(|p| p.reason.as_str())
     }
-    /// Summary of the landing for the directory of its recording.
     pub fn summary(&self, o: &Outcome) -> FlightSummary {
         let name = if o.success { "landed" } else { o.outcome.name() };
         let matched = self.matched();

@@ -21,7 +21,6 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Maximum number of bytes that are read at once from a computer.
 const MAX_RECEIVED: usize = 1 << 16;
 
 pub struct SerialLine {
@@ -96,7 +95,7 @@ fn connect(path: &Path) -> io::Result<File> {
     Ok(line.into())
 }
 
-/// Measurements that each of a vessel's sensors carries.
+/// Types of measurements that each of a vessel's sensors sends.
 pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
     Carries::assign(sources).ok_or_else(|| {
         CliError(

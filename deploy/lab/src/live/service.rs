@@ -21,7 +21,6 @@ const RESTART_NS: i64 = 100_000_000;
 const STOP_NS: i64 = 5_000_000_000;
 pub const READY_S: f64 = 60.0;
 const POLL: Duration = Duration::from_millis(10);
-/// Number of a service's last output lines to show.
 const LAST_LINES: usize = 5;
 
 pub fn command(program: &Path, arguments: &[&str]) -> Command {

@@ -88,7 +88,6 @@ impl fmt::Display for TooSlow {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Landed {
     pub outcome: Outcome,
-    /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
@@ -161,7 +160,6 @@ struct LiveWorld<'a> {
     sensing: bool,
     /// Camera of a drone with its own devices.
     camera: Option<RenderThread>,
-    /// Line of the drone's own GNSS receiver.
     receiver: Option<SerialLine>,
     corrections: Vec<u8>,
     drone: Rejoined<DroneSide>,

@@ -47,7 +47,6 @@ pub struct RecordingScene<'a> {
     pub scenario: &'a Scenario,
     pub nodes: &'a NodeConfigs,
     pub seed: u64,
-    /// Sea as named on the command line.
     pub sea: &'a str,
     pub live: bool,
 }

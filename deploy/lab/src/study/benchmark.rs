@@ -128,7 +128,6 @@ pub fn table(scores: &[Score]) -> Table {
     table
 }
 
-/// Processor, and its number of threads.
 fn machine() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = text

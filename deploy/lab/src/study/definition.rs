@@ -116,7 +116,6 @@ pub struct Definition {
     pub published_landed: BTreeMap<String, [u32; 2]>,
 }
 
-/// Text of the study `name`, or of the file with that name.
 pub fn text(name: &str) -> Result<String, CliError> {
     if let Some((_, text)) = SHIPPED.iter().find(|(n, _)| *n == name) {
         return Ok((*text).into());

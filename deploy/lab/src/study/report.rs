@@ -171,11 +171,9 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
 
 pub struct Study<'a> {
     pub title: &'a str,
-    /// Version and commit of the program.
     pub program: &'a str,
     pub definition: &'a Definition,
     pub rows: &'a Rows,
-    /// Hash of the nodes' configuration.
     pub hash: &'a str,
     pub outcomes: &'a [Outcome],
 }

@@ -142,7 +142,6 @@ struct SceneFlags {
     scene: SceneArgs,
 }
 
-/// Configuration with the changes' tables of that name applied.
 fn with<T: Serialize + DeserializeOwned + Check>(
     base: T,
     name: &str,
@@ -256,7 +255,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Keeps only the row with this number, counted from 1.
     pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
         let (count, index) = (self.rows.len(), number as usize - 1);
         if index >= count {
@@ -301,7 +299,7 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
             let name = joined(choices.iter().map(|c| c.name.as_str()));
             if !names.insert(name.clone()) {
                 return Err(CliError(format!(
-                    "two rows are called `{name}`; give each a name of its own"
+                    "two rows are called `{name}`; give each a unique name"
                 )));
             }
             let changes = [&[&definition.all][..], &choices].concat();

@@ -31,7 +31,6 @@ pub struct GridRun<'a> {
     pub seed0: u64,
     /// None: all cores.
     pub jobs: Option<u16>,
-    /// Directory of rows and scenes.
     pub out: Option<&'a Path>,
     pub shard: Option<Shard>,
     /// Half-width of a row's landing rate interval at which the row ends.
@@ -40,7 +39,6 @@ pub struct GridRun<'a> {
     pub records_failed: bool,
     /// Measures the planner's solve times.
     pub timed: bool,
-    /// Only the result goes to standard output.
     pub alone: bool,
 }
 
@@ -115,7 +113,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     }
     if hashes.len() > 1 {
         return Err(CliError(format!(
-            "study merge: the directories are of different configurations ({}); join those of one",
+            "study merge: the directories have different configurations ({}); join only directories with the same configuration",
             hashes.into_iter().collect::<Vec<_>>().join(", ")
         )));
     }
@@ -209,7 +207,6 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
     Ok(())
 }
 
-/// File name without its extension.
 pub fn file_stem(scenario: &str) -> String {
     scenario.replace(|c: char| !c.is_ascii_alphanumeric() && c != '.', "-")
 }

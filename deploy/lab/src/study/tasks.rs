@@ -50,7 +50,6 @@ pub fn commands(
         .collect())
 }
 
-/// Command line of this process.
 pub fn given() -> String {
     let given = std::env::args_os().map(|a| quoted(&a.to_string_lossy()));
     given.collect::<Vec<_>>().join(" ")

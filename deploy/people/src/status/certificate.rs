@@ -20,7 +20,7 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
         );
     }
     if endpoints.clone().all(is_loopback) {
-        return TOPIC.fine("none, and the radio stays inside this computer");
+        return TOPIC.fine("none; only this computer can reach the radio");
     }
     TOPIC.warning(
         "the radio is not protected: any peer that reaches the port is accepted",

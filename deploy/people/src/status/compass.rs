@@ -58,7 +58,6 @@ pub fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     (10.0 * turn).round() / 10.0
 }
 
-/// Text of a direction from the bow, deg.
 pub fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };

@@ -227,7 +227,7 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     match deck_m {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to no vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
+            "the mission does not fly to a vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),

@@ -15,7 +15,6 @@ const MAX_PLACE_M: f64 = 5.0;
 const MAX_HEIGHT_M: f64 = 5.0;
 const MAX_TILT_DEG: f64 = 2.0;
 const MAX_HEADING_DEG: f64 = 5.0;
-/// Minimum number of recent measurements for a rejection rate.
 const MIN_RECENT: u64 = 5;
 
 /// Finding on one source. A missing source is a warning because another of the same kind may replace it;
@@ -53,7 +52,7 @@ pub fn source(s: &SourceHealth) -> Finding {
         ),
         None if d.mismatched_pulses > 0 => TOPIC.warning(
             format!(
-                "{counts}; {} time pulses of another time base than its fixes",
+                "{counts}; {} time pulses in a different time base than its fixes",
                 d.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",

@@ -71,7 +71,6 @@ pub enum CrewOrderArg {
 }
 
 impl OrderArg {
-    /// Whether this order uses the argument with this field name.
     fn takes(self, field: &str) -> bool {
         let is_at = self == OrderArg::DeckAt;
         let is_crews = matches!(self, OrderArg::Deck | OrderArg::Steady | OrderArg::Turning);

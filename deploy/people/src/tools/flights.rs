@@ -67,7 +67,6 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Flights in `directory`, or `directory` itself if it is a flight.
 fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(

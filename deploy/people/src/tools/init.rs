@@ -166,7 +166,6 @@ impl Boat {
         let (_, line) = found.next()?;
         line.split_once(" = ").map(|(_, value)| value.to_owned())
     }
-    /// Replaces a value and keeps the comments around it.
     fn set(&mut self, (of, table, key): Place, value: &str) {
         self.replace((of, table, key), &format!("{key} = {value}"));
     }
@@ -301,7 +300,7 @@ struct Installer<R, W> {
 impl<R: BufRead, W: Write> Installer<R, W> {
     /// Reads one answer; an empty answer keeps the present value.
     fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
-        const ASKING: &str = "asking for what is installed";
+        const ASKING: &str = "asking for the installed equipment";
         write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;
         self.out.flush().doing(ASKING)?;
         let mut line = String::new();
@@ -324,7 +323,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             let answer = self.ask(question, stands)?;
             match take(&answer) {
                 Ok(()) => return Ok(()),
-                Err(why) => writeln!(self.out, "  {why}").doing("asking for what is installed")?,
+                Err(why) => writeln!(self.out, "  {why}").doing("asking for the installed equipment")?,
             }
         }
         Err(CliError(format!(
@@ -446,7 +445,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let doing = || {
         format!(
-            "writing {}; a file that is there stays: name another directory with --out",
+            "writing {}; an existing file is not replaced: name another directory with --out",
             path.display()
         )
     };
@@ -462,7 +461,7 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let files = ["vessel.toml", "drone.toml"].map(|name| args.out.join(name));
     if let Some(there) = files.iter().find(|f| f.exists()) {
         return Err(CliError(format!(
-            "{} is there and stays as it is: name another directory with --out",
+            "{} already exists and is not replaced: name another directory with --out",
             there.display()
         )));
     }

@@ -57,7 +57,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     let path = &args.path;
     if args.record.is_some() && !path.is_dir() {
         return Err(CliError(format!(
-            "--record: {} is no flight's directory; viewers open a recording as it is",
+            "--record: {} is not a flight's directory; viewers open recordings directly",
             path.display()
         )));
     }
@@ -146,7 +146,7 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
     let headers = shown(log);
     if headers.is_empty() {
         return Err(CliError(format!(
-            "{}: no node's steps to record",
+            "{}: no steps of a node to record",
             log.path().display()
         )));
     }

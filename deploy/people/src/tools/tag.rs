@@ -110,7 +110,6 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Number of tags, and their smallest and largest ids.
 fn numbers(tags: &[DeckTag]) -> String {
     let ids = || tags.iter().map(|tag| tag.id);
     match (tags.len(), ids().min(), ids().max()) {
@@ -217,7 +216,6 @@ struct Sheets {
 }
 
 impl Sheets {
-    /// PDF and its number of pages.
     fn print(whose: &str, deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
         let mut sheets = Sheets {
             whose: whose.into(),

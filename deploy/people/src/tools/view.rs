@@ -253,7 +253,7 @@ impl Ports {
         let now = Time::from_nanos(steady_ns());
         if let Some(order) = given {
             match self.abort {
-                _ if !order.name.is_empty() => drop(order.reply.send(Err("this page only aborts".into()))),
+                _ if !order.name.is_empty() => drop(order.reply.send(Err("this page can only abort".into()))),
                 None => self.abort = Some((give(computer, CommandKind::Abort, now), order)),
                 Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
             }

@@ -23,10 +23,9 @@ use crate::view::server::PageOrder;
 const LOG_LINES: usize = 12;
 const DRONES: usize = 32;
 const NOT_TAKEN: &str = "NOT TAKEN";
-/// Orders about the course; the first is valid for [`STEADY_S`].
+/// Names of the course orders; the first is valid for [`STEADY_S`].
 const COURSE: [&str; 2] = ["steady", "turning"];
 
-/// Order with this name; None for any other name.
 fn named(name: &str) -> Option<DeckOrder> {
     let [steady, turning] = COURSE;
     match name {

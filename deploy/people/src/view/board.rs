@@ -52,7 +52,6 @@ pub struct Board {
     track: GroundTrack,
     /// The newest motion comes from the vessel's own estimate.
     is_own: bool,
-    /// Messages come from the vessel's own computer.
     has_vessel: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
@@ -69,7 +68,6 @@ pub struct Board {
     flare_m: Option<f64>,
     /// Closing speed at the contact of a flare, m/s; None if it was not observed.
     closing_mps: Option<f64>,
-    /// Time and battery charge at the start of this flight.
     charged: Option<(Time<TrueTime>, f64)>,
 }
 
@@ -236,7 +234,6 @@ impl Board {
         self.closing_mps = None;
         self.order.answer.clear();
     }
-    /// Logs a change of state, and the flight that it ends.
     fn entered(&mut self, t: Time<TrueTime>, m: &MissionState) {
         let before = self.shown.replace(m.state);
         if before == Some(m.state) {

@@ -85,7 +85,6 @@ pub struct ResultView {
 pub struct FlightLine {
     /// Time since its end, or the date.
     pub when: String,
-    /// Landed or gave up.
     pub outcome: String,
     pub text: String,
 }
@@ -131,6 +130,5 @@ pub struct Picture {
     pub order: OrderView,
     /// Text at the end of a simulation or recording, after which no data arrive.
     pub over: Option<&'static str>,
-    /// Time until a simulated landing is ordered, s.
     pub begins_in_s: Option<f64>,
 }

@@ -316,7 +316,7 @@ async fn state(State(shared): State<Shared>) -> Response {
         .strip_prefix(b"data: ")
         .map_or(Bytes::new(), |json| Bytes::copy_from_slice(json.trim_ascii_end()));
     if json.is_empty() {
-        return (StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet\n").into_response();
+        return (StatusCode::SERVICE_UNAVAILABLE, "no picture is available yet\n").into_response();
     }
     (headers("application/json"), json).into_response()
 }
@@ -350,7 +350,7 @@ async fn order(State(shared): State<Shared>, given: HeaderMap, name: String) -> 
         Ok(Ok(Ok(text))) => text.into_response(),
         Ok(Ok(Err(text))) => (StatusCode::CONFLICT, text).into_response(),
         Ok(Err(_)) | Err(_) => {
-            let text = "NO ANSWER: whether it was taken is not known; give it by another way";
+            let text = "NO ANSWER: it is not known whether the order was taken; give it another way";
             (StatusCode::GATEWAY_TIMEOUT, text).into_response()
         }
     }

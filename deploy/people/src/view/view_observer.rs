@@ -112,7 +112,6 @@ impl ViewObserver {
             ..self.board.picture(self.newest - self.offset)
         });
     }
-    /// Handles a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
         if let Message::Drone(_) = message {

@@ -188,7 +188,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
         terminal::note(
             true,
             format_args!(
-                "{}: no part of a pose, and left out: {}",
+                "{}: ignored because they are not part of a pose: {}",
                 path.display(),
                 left_out.join(", ")
             ),
@@ -219,7 +219,7 @@ fn why(unknown: &NotObservable) -> String {
              her come to rest, on calm water"
         ),
         NotObservable::NoDecay { explained } => format!(
-            "a free decay explains {:.0} % of the best push: she was held, driven by waves, or it was another motion",
+            "a free decay explains {:.0} % of the best push: the vessel was held or driven by waves, or moved in another way",
             100.0 * explained
         ),
         NotObservable::Vague => "the impulses are too weak or too short to identify anything".into(),

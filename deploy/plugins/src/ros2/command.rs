@@ -68,7 +68,6 @@ const ABSENT: &str = "not ordered: no process reports on this computer (systemct
 const UNKNOWN: &str = "not ordered: the configuration of these processes is not found; name it with --config";
 const ENDS: &str = "not ordered: alight ros2 ends";
 const PERIOD: Duration = Duration::from_millis(50);
-/// Period at which an unreadable configuration is read again, ns.
 const READ_AGAIN_NS: i64 = 1_000_000_000;
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
 /// Period of the fixed frames and the deck's shape, which bounds a late joiner's wait for them.
@@ -140,7 +139,6 @@ fn name(computer: &Computer) -> String {
 struct Ports {
     observer: Observer,
     commands: Publisher<Command>,
-    /// Whether the configuration belongs to these processes.
     is_configured: bool,
     /// Whether the configuration was found, so that orders carry the right drone number.
     is_known: bool,
@@ -241,7 +239,6 @@ struct Drone {
     /// Fixed frames.
     fixed: RosTopic<TfMessage>,
     marker: RosTopic<Marker>,
-    /// Time at which the fixed frames were published, ns.
     fixed_ns: i64,
 }
 

@@ -163,7 +163,6 @@ pub struct Marker {
     pub color: [f32; 4],
     /// Seconds, and fraction in ns, after which a viewer removes the marker.
     pub lifetime: (i32, u32),
-    /// The shape moves with its frame between messages.
     pub frame_locked: bool,
     pub unused: MarkerContent,
 }

@@ -13,7 +13,6 @@ use crate::ros2::messages::RosType;
 pub const MAX_DOMAIN: u32 = 232;
 const MAX_NAMESPACE: usize = 64;
 
-/// Entity other than a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entity {
     Publisher,

@@ -45,7 +45,6 @@ impl<C> UnderWay<C> {
     }
 }
 
-/// Forwards orders, one at a time.
 pub struct Orders<C> {
     under_way: Option<UnderWay<C>>,
 }

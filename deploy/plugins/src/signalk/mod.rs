@@ -27,7 +27,6 @@ const ROOT: &str = "alight";
 /// Units of a coordinate per degree: a resolution of 1 cm.
 const PLACE: f64 = 1e7;
 
-/// Value of a path on a server, and the time of sending, ns.
 type SentValue = (Value, i64);
 
 #[derive(Debug, Default)]

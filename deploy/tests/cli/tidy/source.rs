@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 pub(super) const ROOMS: [&str; 6] = ["shared", "bridge", "usv-side", "uav-side", "tests", "deploy"];
 
-/// Line with its code, string literals and comment.
 #[derive(Default)]
 pub(super) struct SourceLine {
     pub(super) code: String,
@@ -119,7 +118,6 @@ fn is_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Identifier at the beginning of `code`.
 fn name(code: &str) -> &str {
     &code[..code.find(|c: char| !is_name(c)).unwrap_or(code.len())]
 }

@@ -18,7 +18,6 @@ enum Scope {
     Opening,
 }
 
-/// Terms with one replacement.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Ban {

@@ -26,7 +26,6 @@ const PART_NS: i64 = 600 * S;
 const SYNC_PERIOD_NS: i64 = S;
 /// Delay before a retry after the disk rejected a write, ns.
 const RETRY_PERIOD_NS: i64 = 10 * S;
-/// Period of warnings about a disk that is too slow, ns.
 const WARNING_PERIOD_NS: i64 = 10 * S;
 
 #[derive(Default)]
@@ -116,7 +115,6 @@ impl PartWriter {
         // The 32-bit sequence number may wrap: the reader knows the part's first step.
         self.sink.write(self.channel, step as u32, utc_ns, bytes)
     }
-    /// Ends the chunk and waits until it is on the disk.
     fn sync(&mut self) -> Result<(), McapError> {
         self.sink.flush()?;
         self.file.sync_data()?;

@@ -32,7 +32,6 @@ const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 pub struct NodeRecorder {
     batch: Batch,
-    /// Time of the batch's first step on the steady clock, ns.
     since_ns: i64,
     steps: u64,
     /// Number of dropped steps that the thread does not count yet.

@@ -13,9 +13,7 @@ use super::store::{self, Removed, Room};
 use super::summary::FlightSummary;
 use super::yield_to_flight;
 
-/// Maximum number of summaries in the queue.
 const SUMMARIES: usize = 2;
-/// Period at which the thread polls the queue.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
 /// Period of the check for free disk space, ns; in this time the processes write 20 MB.
 const ROOM_PERIOD_NS: i64 = 10_000_000_000;
@@ -23,12 +21,10 @@ const ROOM_PERIOD_NS: i64 = 10_000_000_000;
 /// end of the flight.
 pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
-/// A flight that is being recorded.
 pub struct FlightRecording {
     path: PathBuf,
     to: Option<SyncSender<FlightSummary>>,
     thread: Option<JoinHandle<()>>,
-    /// Lock that marks the flight as running.
     _lock: Option<File>,
 }
 

@@ -141,7 +141,6 @@ pub enum Removed {
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     pub max_bytes: u64,
-    /// Disk space to leave free, bytes.
     pub min_free_bytes: u64,
 }
 

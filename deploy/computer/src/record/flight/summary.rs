@@ -34,7 +34,6 @@ pub struct FlightSummary {
     pub ended: bool,
     pub outcome: String,
     pub reason: String,
-    /// The newest 200 states, in order.
     pub phases: Vec<PhaseEntry>,
     pub time_in_s: BTreeMap<String, f64>,
     /// Metrics; each name ends in its unit.

@@ -32,7 +32,6 @@ const DAYS: u32 = 60;
 /// Minimum time until the vehicles start, at a full second of the steady clock, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
-/// Serial line of the drone's own GNSS receiver.
 const RECEIVER: &str = "tty-receiver";
 /// Address at which the computers reach each other.
 const HOST: &str = "127.0.0.1";
@@ -76,7 +75,6 @@ impl Drop for Directory {
 }
 
 pub struct RehearsalPlan {
-    /// Configuration with which the vessel's computer starts.
     pub vessel: VesselComputerConfig,
     pub drone: DroneComputerConfig,
     pub world: SimulatedWorld,
@@ -87,7 +85,6 @@ pub struct RehearsalPlan {
 }
 
 impl RehearsalPlan {
-    /// Reads the installer's files and writes the changed copies.
     pub fn of(args: &RehearseArgs) -> Result<RehearsalPlan, CliError> {
         let (mut vessel_file, mut drone_file) = (
             table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,

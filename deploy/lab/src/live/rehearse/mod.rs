@@ -204,7 +204,6 @@ impl<'a> Rehearsal<'a> {
     fn has_verdict(&self) -> bool {
         self.landed.is_some() || self.too_slow.is_some()
     }
-    /// Polls the world, the services and their messages once.
     fn poll(&mut self, list: &CheckList) -> Result<(), CliError> {
         self.receive_report();
         if !self.world.poll() && !self.has_verdict() {
@@ -269,7 +268,6 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(())
     }
-    /// Polls until `met`, for at most `timeout_s`.
     fn until(
         &mut self,
         list: &CheckList,

@@ -30,7 +30,6 @@ pub enum Class {
     Landed,
     /// No landing was unsafe, but the rate was not reached.
     Rejected,
-    /// At least one landing was unsafe.
     Unsafe,
 }
 

@@ -210,7 +210,6 @@ fn by_direction(grid: &EnvelopeGrid, figure: impl Fn(u8, f64) -> Option<f64>) ->
     table
 }
 
-/// First unsafe landings, each with its replay command.
 fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<String> {
     let line = |o: &Outcome| {
         let row = rows.iter().find(|r| r.scenario == o.sea);

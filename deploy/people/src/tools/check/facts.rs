@@ -91,7 +91,6 @@ pub enum ReceiverReport {
     },
     /// A running process owns the receiver.
     Held {
-        /// RTCM frames forwarded to it.
         rtcm: u64,
         /// State of the relative position in the forecast.
         state: Option<RelativeState>,

@@ -347,7 +347,7 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
-        "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
+        "set autopilot.vehicle to the system id of this drone's autopilot (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
     )
 }
 
@@ -387,7 +387,7 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
             let change = if why.code == ReasonCode::AutopilotParameterUnknown {
                 "check the link".to_owned()
             } else {
-                format!("set {} at the autopilot", p.name)
+                format!("set {} on the autopilot", p.name)
             };
             match p.severity {
                 Severity::Reject if rejects => TOPIC.broken(wrong, change),
@@ -412,14 +412,14 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
             ),
         ),
         Ok(()) if !found.calibrated => FindingTopic(key).warning(
-            format!("{source} is there, its lens is the simulated camera's"),
+            format!("{source} exists, but its lens is the simulated camera's"),
             format!(
                 "calibrate it and write focal_px, centre_px and distortion into [{}] (alight help camera)",
                 found.lens
             ),
         ),
         Ok(()) if running => {
-            FindingTopic(key).fine(format!("{source} is there, and the drone's process has it"))
+            FindingTopic(key).fine(format!("{source} exists, and the drone's process uses it"))
         }
         Ok(()) => FindingTopic(key).fine(format!("{source} is there")),
     }

@@ -48,7 +48,6 @@ pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     )))
 }
 
-/// Rejects flags of a station with another order.
 pub(super) fn check(args: &CommandArgs) -> Result<(), CliError> {
     if args.station != StationArgs::default() && args.order != OrderArg::Station {
         return Err(CliError(
