@@ -1,5 +1,3 @@
-//! The command line.
-
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -61,7 +59,6 @@ pub struct Cli {
     pub command: AlightCommand,
 }
 
-/// Commands by purpose, in the order of their use.
 const GROUPS: [(&str, &[&str]); 3] = [
     ("Simulate", &["trial", "study", "land", "rehearse"]),
     (

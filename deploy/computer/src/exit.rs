@@ -1,5 +1,3 @@
-//! Exit codes and errors of commands.
-
 use std::fmt;
 
 use alight_shared::config::ConfigError;

@@ -16,7 +16,6 @@ const TIMES: [(&str, f64); 4] = [("s", 1.0), ("min", 60.0), ("h", 3600.0), ("ms"
 pub const SECOND: (&str, f64) = ("s", 1.0);
 pub const MINUTE: (&str, f64) = ("min", 60.0);
 
-/// Number, and the size of its unit if one is given.
 fn split(text: &str, units: &[(&str, f64)]) -> Result<(f64, Option<f64>), String> {
     let number = |text: &str| text.trim().parse::<f64>().ok();
     if let Some(plain) = number(text) {

@@ -1,5 +1,3 @@
-//! Flags of flights in the simulated world.
-
 use std::ffi::OsStr;
 #[cfg(test)]
 use std::ffi::OsString;
@@ -65,11 +63,9 @@ pub enum PlannerArg {
     MpcNe,
 }
 
-/// Planner of this program, or another program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlannerChoice {
     Included(PlannerArg),
-    /// Shell command.
     Exec(String),
 }
 
@@ -425,7 +421,7 @@ pub struct TrialArgs {
 
 #[derive(Clone, Copy, Debug)]
 pub struct Shard {
-    /// Counted from 1.
+    /// Number of the shard, from 1.
     pub index: u64,
     pub count: u64,
 }

@@ -1,5 +1,3 @@
-//! Outcomes of trials as text and as JSON.
-
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, verdict};
 use alight_computer::terminal::wrapped;

@@ -28,7 +28,6 @@ pub struct Scene {
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
     pub sea: String,
-    /// Flags that produce this scene, for a replay command.
     pub flags: String,
     pub remarks: Vec<String>,
     /// The drone's crew uses knots for winds and speeds.
@@ -226,7 +225,6 @@ fn set_deck_motion(
     Ok(false)
 }
 
-/// Flag quoted for a shell.
 pub fn written(name: &str, value: &str) -> String {
     match value {
         "" => format!("--{name}"),

@@ -50,7 +50,6 @@ pub fn in_parallel<T: Sync, R: Send>(
 /// Durations of the planner's steps with a plan, by this computer's clock.
 #[derive(Default)]
 struct SolveTimes {
-    /// End of the previous step.
     since_ns: i64,
     took_ms: Vec<f64>,
 }

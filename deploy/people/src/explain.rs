@@ -121,7 +121,6 @@ fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()
 }
-/// Terms of a text without articles and prepositions.
 fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }

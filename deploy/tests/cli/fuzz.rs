@@ -101,7 +101,6 @@ fn decode_all(bytes: &[u8]) {
     decoded::<ProcessState>(bytes);
 }
 
-/// One valid message of each kind.
 fn sound() -> Vec<Vec<u8>> {
     let estimate = VesselEstimate::<VesselClock> {
         header: Header::default(),

@@ -1,4 +1,3 @@
-//! Recording and replay on the command line.
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;

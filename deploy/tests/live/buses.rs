@@ -141,7 +141,6 @@ fn shared_memory_conforms() {
 
 #[derive(Clone, Copy, Debug)]
 enum Happens {
-    /// Number of messages from the writer.
     Sends(usize),
     /// Number of the reader, and whether it reads the newest message or all.
     Reads(usize, bool),

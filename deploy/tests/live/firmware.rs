@@ -62,9 +62,7 @@ impl FirmwareFlight {
 }
 
 enum Link {
-    /// Waits for `alight autopilot` to connect.
     Tcp(TcpListener, Option<TcpStream>),
-    /// Sends to the address at which `alight autopilot` listens.
     Udp(UdpSocket),
 }
 

@@ -17,7 +17,6 @@ use serde_json::Value;
 
 use crate::landing::{directory, status_when};
 
-/// Keys of vessel 1 and drone 1 that have readers.
 const KEYS: [&str; 7] = [
     "alight/vessel-1/estimate",
     "alight/vessel-1/wave",

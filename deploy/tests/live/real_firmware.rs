@@ -25,7 +25,8 @@ const TAKE_OFF_M: f64 = 8.0;
 const FLIES_M: f64 = 2.0;
 /// Time that the firmware's estimator needs from its start, s.
 const WARM_UP_S: &str = "80";
-/// Parameters of the makers' simulators, as in docs/firmware.md; the last ones replace those of a calibrated vehicle.
+/// Parameters of the makers' simulators, as in docs/firmware.md; the last ones are values that a real vehicle gets by
+/// calibration.
 const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
                       MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nGUID_TIMEOUT 0.3\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
                       COMPASS_OFS_Y 13\nCOMPASS_OFS_Z -18\nCOMPASS_OFS2_X 5\nCOMPASS_OFS2_Y 13\n\

@@ -1,5 +1,3 @@
-//! Image sources of the drone's cameras.
-
 use alight_shared::config;
 
 /// Source name for images that the simulated world renders.

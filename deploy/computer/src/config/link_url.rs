@@ -28,7 +28,6 @@ pub enum LinkUrl {
     TcpIn(String, Option<IpAddr>),
     TcpOut(String),
     Serial(PathBuf, u32),
-    /// Read only.
     Can(String),
     /// Signal K server, and the file of its token if it needs one.
     SignalK(String, Option<PathBuf>),

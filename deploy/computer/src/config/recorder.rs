@@ -1,5 +1,3 @@
-//! Directory and size of the flight recorder.
-
 use alight_shared::config;
 
 const GB: f64 = 1e9;

@@ -1,5 +1,3 @@
-//! Supervision of the drone's processes: restart, silence, scheduling.
-
 use alight_shared::config;
 
 const MAX_PROCESSORS: usize = 64;

@@ -1,5 +1,3 @@
-//! Viewers of a landing: a page for a browser, and Foxglove.
-
 use std::net::SocketAddr;
 
 use alight_shared::config;

@@ -76,7 +76,6 @@ impl Speakers {
             frames.into_iter().any(|frame| from_autopilot(frame.from))
         })
     }
-    /// Rejected frames, counted by signature.
     pub fn rejected(&self) -> Signatures {
         self.rejected
             .lock()

@@ -70,7 +70,6 @@ pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
     fn metered(&self) -> Option<Light> {
         None
     }
-    /// Image with the detections drawn in, for display.
     fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
         None
     }

@@ -7,7 +7,6 @@ use rscam::CtrlData;
 
 use crate::config::camera::CameraSource;
 
-/// Unit of the control exposure_time_absolute, s.
 const UNIT_S: f64 = 1e-4;
 
 pub trait Controls {

@@ -34,7 +34,6 @@ pub enum Open {
         peer: LinkPeer,
     },
     Listening(LinkListener),
-    /// Connection, and the listener that accepted it, if any.
     Tcp(AsyncFd<TcpStream>, Option<LinkListener>),
     Serial(AsyncFd<File>),
     /// Interface and its name; yields one line per frame, sends nothing.
@@ -181,7 +180,6 @@ fn udp(at: SocketAddr, peer: LinkPeer) -> io::Result<Open> {
     })
 }
 
-/// A read of zero bytes is the end of a stream.
 fn ended(read: io::Result<usize>) -> io::Result<usize> {
     match read {
         Ok(0) => Err(io::Error::new(

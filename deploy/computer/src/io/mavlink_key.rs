@@ -94,7 +94,6 @@ mod tests {
     use alight_uav::autopilot::message::{Address, MavlinkMessage};
     use alight_uav::autopilot::wire::{Decoder, Encoder};
 
-    /// SHA-256 of "abc", from FIPS 180-2.
     const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
     fn read_from(text: &str) -> Result<Option<Signing>, CliError> {

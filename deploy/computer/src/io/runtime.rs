@@ -1,5 +1,3 @@
-//! Tokio runtime of a process that awaits bytes.
-
 use std::future::Future;
 
 use tokio::runtime::Builder;

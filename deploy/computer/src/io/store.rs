@@ -148,7 +148,6 @@ struct StoredFile {
 }
 
 impl StoredFile {
-    /// Writes the newest state until the sender ends.
     fn write_all(&mut self, states: &Receiver<Vec<u8>>) {
         while let Some(next) = self.next(states) {
             let newest = states.try_iter().last().unwrap_or(next);

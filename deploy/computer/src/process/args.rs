@@ -1,5 +1,3 @@
-//! Flags of the processes.
-
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -35,7 +33,6 @@ pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     Err("recordings are MCAP: choose a name that ends in .mcap".into())
 }
 
-/// Parses the address of a viewer's server.
 pub fn page_address(text: &str) -> Result<SocketAddr, String> {
     let why = "an address and a port, such as 127.0.0.1:7450; a file comes before the flag";
     text.parse().map_err(|_| why.into())
@@ -94,7 +91,6 @@ pub struct Scheduling {
 }
 
 impl Scheduling {
-    /// Drops the priority if the system does not permit it.
     pub fn where_permitted(&self, permitted: bool) -> Scheduling {
         Scheduling {
             realtime: self.realtime.filter(|_| permitted),

@@ -18,7 +18,6 @@ const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// Report without the values that change at run time.
     pub report: ComputerReport,
     /// File with the radio's certificate, which a vessel reports; empty without one.
     certificate: PathBuf,

@@ -13,7 +13,6 @@ use crate::record::flight::summary::FlightSummary;
 
 /// Metric: time constant of the attitude response in the slower axis, s.
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
-/// Metric: dead time of the attitude response, s.
 pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
 /// Maximum number of drones in a vessel's summary: a hostile drone may invent numbers.
 const MAX_DRONES: usize = 16;

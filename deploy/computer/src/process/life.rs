@@ -1,5 +1,3 @@
-//! Life cycle of a process: step times, reports at 2 Hz, end on request.
-
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 use std::sync::Arc;

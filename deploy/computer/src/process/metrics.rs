@@ -1,5 +1,3 @@
-//! Names and units of the processes' metrics.
-
 use alight_shared::metrics::MetricValue;
 use alight_shared::process::ProcessState;
 

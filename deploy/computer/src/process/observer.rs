@@ -1,5 +1,3 @@
-//! Observer of an instance's processes.
-
 use alight_shared::bus::readers;
 use alight_shared::msg::{
     AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
@@ -82,7 +80,6 @@ pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
-    /// Ports of the most recently joined instance.
     pub ports: Option<T>,
 }
 

@@ -1,5 +1,3 @@
-//! Keys of the radio.
-
 use alight_shared::topics;
 
 pub fn vessel_key(id: u32, topic: &str) -> String {

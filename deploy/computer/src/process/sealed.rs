@@ -106,7 +106,6 @@ impl SealedConfig {
         }
         changed
     }
-    /// Removes the copy at an orderly end.
     pub fn end(mut self) {
         self.unused = true;
     }

@@ -50,7 +50,6 @@ struct Child {
     starts: u32,
     failures: u32,
     started: Time<SteadyClock>,
-    /// Earliest time of the next start.
     due: Time<SteadyClock>,
     backoff: Span,
     was_running: bool,

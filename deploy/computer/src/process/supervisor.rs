@@ -56,7 +56,6 @@ pub enum SupervisorEvent {
     Ended(ProcessKind, String),
     /// The process was silent for this time, s, and is killed.
     Silent(ProcessKind, f64),
-    /// The process could not start, and is retried.
     NotStarted(ProcessKind, String),
 }
 

@@ -15,7 +15,6 @@ use alight_shared::time::{Clock, DroneClock};
 use alight_shared::wire::{self, WireError};
 use serde::{Deserialize, Serialize};
 
-/// MCAP message encoding of a channel of steps.
 pub const ENCODING: &str = "alight-step";
 /// Format of the entries; a reader rejects every other format.
 pub const FORMAT: u32 = 22;
@@ -94,7 +93,6 @@ pub struct References {
     /// Boot id and sequence number, as for the plan.
     forecast: Option<(u32, u32)>,
     plan: Option<(u32, u32)>,
-    /// The drone's state is the newest in the file.
     drone: bool,
 }
 

@@ -60,7 +60,6 @@ impl ProcessStart {
 pub enum ReplayOrder {
     /// One start after the other, with one file at a time in memory.
     ByStart,
-    /// All steps in order of time.
     ByTime,
 }
 

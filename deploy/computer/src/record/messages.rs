@@ -35,7 +35,6 @@ pub enum Message<'a> {
     Autopilot(&'a AutopilotState),
     Mission(&'a MissionState),
     Plan(Time<DroneClock>, &'a Plan),
-    /// The plan as the pilot received it.
     FlownPlan(&'a Plan),
     SetPoint(Time<DroneClock>, &'a SetPoint),
     Touchdown(&'a Touchdown),

@@ -7,7 +7,6 @@ use alight_shared::wire::WireError;
 use crate::record::entry::PartHeader;
 
 pub trait StepObserver {
-    /// Step at world time `t`.
     fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>);
     /// Step that is recorded but not replayed: of the simulated world, or of a row that lacks an input.
     fn recorded(&mut self, _t: Time<TrueTime>, _of: &PartHeader, _entry: &[u8]) -> Result<(), WireError> {

@@ -46,7 +46,6 @@ pub struct LogStep<'a> {
     pub number: u64,
     /// Log time, ns: UTC since 1970; in a recording, the world's time.
     pub log_ns: u64,
-    /// An encoded [`Entry`].
     pub bytes: &'a [u8],
 }
 

@@ -20,7 +20,6 @@ use crate::record::{About, FOREIGN_PLANS, RECORDING};
 pub struct Recorder {
     pub sink: Sink,
     pub views: Views,
-    /// Starts so far, with their channels.
     starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,

@@ -23,7 +23,6 @@ pub struct Scenery {
     deck_points: ViewTopic<PointCloud>,
     drone_points: ViewTopic<PointCloud>,
     period_ms: i64,
-    /// Whether the most recent shapes included the drone.
     shown: Option<bool>,
     /// Water level relative to the deck's mean level, m down, in the drone's NED, whose origin may be at any height.
     water_m: Option<f64>,

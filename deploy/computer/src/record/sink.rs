@@ -1,5 +1,3 @@
-//! Writer of a log's file.
-
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};

@@ -1,5 +1,3 @@
-//! Views of a flight's messages: transforms, paths, states and numbers at display rates.
-
 use core::marker::PhantomData;
 
 use alight_shared::msg::{
@@ -87,7 +85,6 @@ impl Throttle {
     }
 }
 
-/// Channels, and the values shown last.
 pub struct Views {
     pub transforms: ViewTopic<FrameTransforms>,
     forecast_path: ViewTopic<PosesInFrame>,

@@ -21,7 +21,6 @@ use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
 const LAYOUT: u32 = 7;
-/// Content of the first file: an open, empty deck.
 const FIRST: &[u8] = b"\"open\"";
 
 fn owner(vessel: u32) -> String {

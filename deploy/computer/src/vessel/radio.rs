@@ -1,5 +1,3 @@
-//! The vessel's radio: publishers and subscribers.
-
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::process::ProcessState;
 use alight_shared::radio::{RadioEnd, RadioTopic};

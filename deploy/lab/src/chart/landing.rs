@@ -12,7 +12,6 @@ use plotters::prelude::*;
 
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 
-/// Size of the picture, and of the path in it, px.
 const SIZE: (u32, u32) = (1200, 960);
 const PATH_WIDTH: u32 = 534;
 /// Time before the touchdown that the panels over time show, s; the path is complete.

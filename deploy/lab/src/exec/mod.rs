@@ -32,7 +32,6 @@ pub fn planner(command: &str) -> OwnLaw {
 
 #[derive(Debug)]
 struct ExecLaw {
-    /// None after a failure.
     child: Option<AnsweringChild>,
     report: LawReport,
     limits: Limits,

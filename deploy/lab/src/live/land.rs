@@ -45,7 +45,6 @@ const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// Silence after which a process is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
 const MAX_FAILURES: u32 = 8;
-/// Rows of the outcome without --verbose.
 const BRIEF_ROWS: usize = 5;
 /// Period of the status line, ns: slow enough to read.
 const STATUS_PERIOD_NS: i64 = 500_000_000;
@@ -292,7 +291,6 @@ impl<'a> Landing<'a> {
         })
     }
 
-    /// Runs to the end; None if stopped from outside.
     fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
         let shown = std::io::stderr().is_terminal();
         loop {

@@ -89,7 +89,7 @@ impl LiveFaults {
             let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
             let names: Vec<&str> = possible.map(FaultKind::name).collect();
             return Err(format!(
-                "{}: real processes can have {}, and radio-lost once",
+                "{} is not possible on real processes: choose from {}, or radio-lost once",
                 kind.name(),
                 names.join(", ")
             ));

@@ -58,7 +58,6 @@ enum Link {
     /// MAVLink bytes of the simulated autopilot, exchanged with the drone's computer.
     Simulated {
         socket: UdpSocket,
-        /// Ground station on the autopilot's second link.
         station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
         signing: Option<Signing>,

@@ -106,7 +106,6 @@ impl Pipe {
         }
         written
     }
-    /// Write end of the pipe, if it has a reader.
     fn reader(&self) -> Option<File> {
         let flags = OFlags::NONBLOCK.bits().cast_signed();
         let pipe = OpenOptions::new()

@@ -135,7 +135,6 @@ impl Wire {
             ))),
         }
     }
-    /// Sends bytes, and returns those received.
     fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         match self {
             Wire::Serial(line) => line.exchange(bytes),

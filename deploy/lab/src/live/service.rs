@@ -15,9 +15,7 @@ use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
 
-/// RestartSec of the units, ns.
 const RESTART_NS: i64 = 100_000_000;
-/// TimeoutStopSec of the units, ns.
 const STOP_NS: i64 = 5_000_000_000;
 pub const READY_S: f64 = 60.0;
 const POLL: Duration = Duration::from_millis(10);
@@ -108,7 +106,6 @@ impl Service {
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
-    /// Standard output since the last call.
     pub fn output(&self) -> Vec<String> {
         self.lines.iter().flat_map(Receiver::try_iter).collect()
     }

@@ -45,7 +45,6 @@ pub const CONTACT: &str = "world: first contact";
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
-    /// The outcome, judged from the truth.
     Landed(Box<Landed>),
     /// The trial ended because this computer did not keep up with it.
     TooSlow(TooSlow),
@@ -158,7 +157,6 @@ struct LiveWorld<'a> {
     clock: ProcessClock,
     sensors: SensorLines,
     sensing: bool,
-    /// Camera of a drone with its own devices.
     camera: Option<RenderThread>,
     receiver: Option<SerialLine>,
     corrections: Vec<u8>,
@@ -431,7 +429,6 @@ impl DroneSide {
     }
 }
 
-/// Trace for the plot of the landing.
 struct History {
     trace: Option<Trace>,
     next_s: f64,

@@ -130,7 +130,6 @@ pub fn export(
 
 struct FlightRecorder {
     path: PathBuf,
-    /// None once the recording has ended.
     recorder: Option<Recorder>,
     truth: TruthViews,
 }

@@ -11,7 +11,6 @@ use super::rows::Rows;
 
 /// Number of landings that one unsafe trial outweighs.
 const UNSAFE_COST: f64 = 10.0;
-/// Name of the line over all scenes.
 const ALL: &str = "all";
 
 pub struct Score {

@@ -195,7 +195,7 @@ struct Report {
     rows: Vec<ReportRow>,
     /// Results of each planner over all scenarios, and further results.
     remarks: Vec<String>,
-    /// Comparisons of the first planner with each other planner: over all scenarios, then by scenario.
+    /// Comparisons of the first planner with every other planner: over all scenarios, then by scenario.
     comparisons: Vec<Comparison>,
     failures: Vec<String>,
 }
@@ -311,7 +311,7 @@ fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     planners.iter().map(total).collect()
 }
 
-/// Compares the first planner with each other planner: over all scenarios, then by scenario.
+/// Compares the first planner with every other planner: over all scenarios, then by scenario.
 fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
     let Some((first, others)) = planners.split_first() else {
         return Vec::new();

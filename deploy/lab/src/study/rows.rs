@@ -45,7 +45,6 @@ impl StudyRow {
     pub fn is_of(&self, o: &Outcome) -> bool {
         (&self.scenario, &self.planner) == (&o.sea, &o.planner)
     }
-    /// Kind of the planner, as on the command line.
     pub fn kind(&self) -> &str {
         self.nodes.planner_name()
     }
@@ -246,7 +245,6 @@ fn planners(definition: &Definition, wanted: &[PlannerChoice]) -> Result<Vec<Cha
 }
 
 pub struct Rows {
-    /// All rows, by scene, then by planner.
     pub rows: Vec<StudyRow>,
     /// Grids that are drawn as curves.
     pub curves: Vec<CurveAxes>,

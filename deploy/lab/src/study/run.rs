@@ -145,7 +145,6 @@ pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
 /// File with the hash of the configuration with which a directory's rows were flown.
 const HASH_FILE: &str = "configuration";
 
-/// File of the study whose rows a directory contains.
 pub const STUDY_FILE: &str = "study.toml";
 
 fn read_hash(dir: &Path) -> Option<String> {

@@ -76,7 +76,6 @@ impl ComputerObserver {
     }
 }
 
-/// Shows the status once, or repeatedly until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
     let mut observer = ComputerObserver::at(&args.subject.computer()?)?;
     let Some(first) = observer.read(Duration::ZERO) else {

@@ -1,5 +1,3 @@
-//! Wind, waves and advised heading relative to the vessel's bow.
-
 use alight_computer::situation::ObservedSituation;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::KNOT_MPS;
@@ -33,7 +31,6 @@ pub fn wind(wind: Wind, knots: bool) -> String {
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
 }
 
-/// Text of a speed's standard deviation, m/s.
 pub fn known_to(sd_mps: f64, knots: bool) -> String {
     let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
     format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)

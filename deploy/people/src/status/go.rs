@@ -1,5 +1,3 @@
-//! GO or NO-GO for a landing, and the stages of a landing.
-
 use alight_shared::msg::{Phase, Reason, ReasonCode, State};
 use serde::Serialize;
 

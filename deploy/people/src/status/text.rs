@@ -8,7 +8,6 @@ use super::{Figure, Status};
 
 const HEIGHT: usize = 20;
 const LABEL: usize = 11;
-/// Figures whose change counts as a change of the status.
 const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
 
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -95,7 +95,7 @@ const QUESTIONS: &[Question] = &[
         ],
     ),
     Question(
-        "Force with which it holds a drone that stands on it (net, magnets, latch), N; 0: a plain deck",
+        "Force with which the deck holds a standing drone (net, magnets, latch), N; 0: a plain deck",
         &[
             (BoatFile::Vessel, "vessel.deck", "hold_n"),
             (BoatFile::Drone, "drone.deck", "hold_n"),
@@ -160,7 +160,6 @@ impl Boat {
             BoatFile::Drone => &mut self.drone,
         }
     }
-    /// First line of a key's value in the file.
     fn value(&mut self, (of, table, key): Place) -> Option<String> {
         let mut found = lines(self.file(of)).filter(|(at, _)| *at == (table, key));
         let (_, line) = found.next()?;

@@ -1,5 +1,3 @@
-//! `alight keys`: makes and shows certificates.
-
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -31,7 +31,6 @@ pub struct SchemaArgs {
 /// Line of JSON exchanged with another program: name, version, schema.
 pub type LineFormat = (&'static str, u32, fn() -> Schema);
 
-/// `lines`: formats in addition to the topics.
 pub fn run(args: &SchemaArgs, lines: &[LineFormat]) -> Result<Exit, CliError> {
     let all = all();
     if let Some((name, version, schema)) = lines.iter().find(|l| Some(l.0) == args.topic.as_deref()) {

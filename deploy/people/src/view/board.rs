@@ -50,7 +50,6 @@ pub struct Board {
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
     track: GroundTrack,
-    /// The newest motion comes from the vessel's own estimate.
     is_own: bool,
     has_vessel: bool,
     log: VecDeque<(Time<TrueTime>, String)>,

@@ -1,5 +1,3 @@
-//! The deck's motion during the last minute.
-
 use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};

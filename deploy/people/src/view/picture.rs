@@ -117,13 +117,10 @@ pub struct Picture {
     #[serde(flatten)]
     pub status: Status,
     pub scene: Option<SceneView>,
-    /// None without a running camera.
     pub camera: Option<CameraView>,
     pub motion: MotionView,
     pub track: TrackView,
-    /// Events of this run, the newest first.
     pub log: Vec<LogLine>,
-    /// Ended flights, the newest first.
     pub flights: Vec<FlightLine>,
     /// Newest flight that ended while the server was running.
     pub result: Option<ResultView>,

@@ -142,7 +142,6 @@ impl Server {
     pub fn show_camera(&self, jpeg: Vec<u8>) {
         self.camera.send_replace(jpeg.into());
     }
-    /// Whether the page has a viewer in a browser.
     pub fn is_watched(&self) -> bool {
         self.viewers.0.load(Ordering::Relaxed) > 0
     }

@@ -236,7 +236,6 @@ struct Drone {
     deck_pose: RosTopic<PoseWithCovarianceStamped>,
     transforms: RosTopic<TfMessage>,
     frame_prefix: String,
-    /// Fixed frames.
     fixed: RosTopic<TfMessage>,
     marker: RosTopic<Marker>,
     fixed_ns: i64,

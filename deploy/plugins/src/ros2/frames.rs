@@ -25,7 +25,6 @@ pub fn enu([north, east, down]: [f64; 3]) -> RosVector {
     }
 }
 
-/// Converts a vector from FRD to FLU.
 pub fn flu(v: &Vector3<f64>) -> RosVector {
     RosVector {
         x: v.x,

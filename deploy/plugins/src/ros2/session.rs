@@ -98,7 +98,6 @@ struct Open {
 }
 
 enum State {
-    /// Time of the next attempt, ns.
     Closed(i64),
     /// Opened by a separate thread, which may take as long as the network does.
     Opening(Receiver<Result<Open, String>>),

@@ -1,5 +1,3 @@
-//! Occurrences of the terms in `words.toml`.
-
 use std::collections::BTreeMap;
 
 use serde::Deserialize;

@@ -137,7 +137,6 @@ pub struct Parts {
     directory: PathBuf,
     header: PartHeader,
     part: Option<PartWriter>,
-    /// Number of attempts to begin a part.
     tried: u32,
     next: u64,
     /// Number of steps that are not on the disk and will not be written.

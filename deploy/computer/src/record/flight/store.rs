@@ -120,7 +120,6 @@ fn lock(root: &Path, path: &Path) -> io::Result<File> {
     Ok(directory)
 }
 
-/// UTC, for example 20261125T181500Z.
 fn stamp(t: OffsetDateTime) -> String {
     let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
     let (hour, minute, second) = t.to_hms();
@@ -130,7 +129,6 @@ fn stamp(t: OffsetDateTime) -> String {
     )
 }
 
-/// Flight or part removed to free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Removed {
     Flight(PathBuf),

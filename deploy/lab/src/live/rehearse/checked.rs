@@ -1,7 +1,6 @@
 use serde_json::Value;
 
 const PARAMETERS: &str = "parameters";
-/// Topics of findings on the autopilot itself.
 const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
 /// Whether the computer passes, and the counts of its findings. A `firmware` that starts with the rehearsal receives

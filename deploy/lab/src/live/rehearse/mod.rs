@@ -292,7 +292,6 @@ impl<'a> Rehearsal<'a> {
             pause(POLL);
         }
     }
-    /// Time since the start of the landing in the world, s.
     fn world_s(&self) -> f64 {
         (steady_ns() - self.plan.world.epoch_ns) as f64 * 1e-9 - self.args.warm_up_s()
     }

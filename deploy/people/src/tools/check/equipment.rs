@@ -276,7 +276,7 @@ pub fn battery(mission: &MissionConfig) -> Finding {
     let full_s = mission.battery_endurance_s;
     if full_s > 0.0 {
         return TOPIC.fine(format!(
-            "a full battery counts for {full_s:.0} s of flight, whatever its gauge reads"
+            "a full battery is assumed to last {full_s:.0} s of flight, whatever its gauge reads"
         ));
     }
     TOPIC.warning(

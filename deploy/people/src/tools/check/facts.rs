@@ -148,7 +148,6 @@ pub struct CameraCheck {
     pub source: String,
     pub there: Result<(), String>,
     pub calibrated: bool,
-    /// None if the camera cannot be examined.
     pub view: Option<Result<CameraImages, String>>,
 }
 
@@ -160,7 +159,6 @@ pub struct CheckFacts {
     pub identity: Option<Identity>,
     pub zenoh: Option<String>,
     pub clock_s: i64,
-    /// None if no program reports the synchronisation.
     pub sync: Option<ClockSync>,
     pub memory: Option<SharedMemory>,
     pub ports: Vec<Port>,

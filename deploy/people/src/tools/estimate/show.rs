@@ -7,7 +7,6 @@ use alight_shared::frames::wrap_angle;
 use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
 
-/// Courses at the present speed, 45 deg apart.
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     let heads = [
         "course",

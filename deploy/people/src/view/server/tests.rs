@@ -317,7 +317,7 @@ fn viewer_that_does_not_read() {
         tail = String::from_utf8_lossy(&part[..n]).into_owned();
     }
     // Only the kernel's buffers at both ends held pictures.
-    assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
+    assert!(waiting < 320 << 10, "{waiting} bytes were queued");
     assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
 }
 
