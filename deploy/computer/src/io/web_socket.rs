@@ -206,10 +206,7 @@ fn rejected(e: &Error) -> io::Error {
             "the server asks for a token: let its administrator make one, and add ?token=FILE to the address"
                 .into()
         }
-        Error::Http(answer) => format!(
-            "the server answers {}: it is not a Signal K server",
-            answer.status()
-        ),
+        Error::Http(answer) => format!("the server answers {}: not a Signal K server", answer.status()),
         e => e.to_string(),
     };
     io::Error::new(ErrorKind::ConnectionAborted, what)

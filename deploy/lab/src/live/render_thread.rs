@@ -37,10 +37,8 @@ pub struct RenderThread {
 
 enum Sink {
     /// Shared memory of the drone, which must outlive its port.
-    Memory {
-        images: ImagePublisher,
-        _memory: Memory,
-    },
+    Memory { images: ImagePublisher, _memory: Memory },
+    /// Named pipe that the drone's computer reads like a device.
     Pipe(Pipe),
 }
 
