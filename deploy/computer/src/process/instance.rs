@@ -33,7 +33,7 @@ impl OwnedInstance {
         // The directory's files are removed next; files behind a link must not be.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
-                "{}: a link leads elsewhere; remove it",
+                "{}: it is a symbolic link; remove it",
                 directory.display()
             )));
         }
@@ -189,7 +189,7 @@ mod tests {
         let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken through a link")
         };
-        assert!(rejected.0.contains("a link leads elsewhere"), "{rejected}");
+        assert!(rejected.0.contains("it is a symbolic link"), "{rejected}");
         assert!(elsewhere.join("file").exists());
         std::fs::remove_file(&directory).unwrap();
         std::fs::remove_dir_all(elsewhere).unwrap();

@@ -288,8 +288,7 @@ impl<'a> LiveWorld<'a> {
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Of the simulated autopilot's data only the camera's are sent, and the rangefinder's, which a firmware's
-            // plant lacks.
+            // Only camera shots are sent, and ranges, because a firmware's plant has no rangefinder.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,

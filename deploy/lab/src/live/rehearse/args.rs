@@ -27,7 +27,7 @@ pub struct RehearseArgs {
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     pub seed: u64,
-    /// Sea, as of `alight trial`
+    /// Sea, as for `alight trial`
     #[arg(long, default_value = "moderate", hide_possible_values = true, value_parser = sea())]
     pub sea: SeaArg,
     /// Kill or freeze a process: KIND:PHASE|contact, such as vessel-restarted:tracking

@@ -459,7 +459,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
     };
     if let Some(mean) = view.dark {
         return Some(topic.warning(
-            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
+            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}; the exposure is at its limit"),
             "light the deck, or lay tags that are lit (alight help camera); by day, take the cap off the lens",
         ));
     }
