@@ -1,4 +1,4 @@
-//! The commit and its date for `alight --version`, where this is built in a clone.
+//! The commit and its date for `alight --version`, if this is built in a clone.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,13 +11,13 @@ fn git(arguments: &[&str]) -> Option<String> {
 
 fn main() {
     let version = env!("CARGO_PKG_VERSION");
-    // Sources that were unpacked inside another clone are none of its files.
+    // Sources unpacked inside another clone do not belong to it.
     let own = git(&["ls-files", "--error-unmatch", "build.rs"]);
     let commit = own.and_then(|_| git(&["log", "-1", "--format=%h %cs"]));
     let version = commit.map_or_else(|| version.to_owned(), |c| format!("{version} ({c})"));
     println!("cargo::rustc-env=ALIGHT_VERSION={version}");
     println!("cargo::rerun-if-changed=build.rs");
-    // Every commit and every checkout adds a line to the log of HEAD; a clone may keep none.
+    // Every commit and every checkout adds a line to the log of HEAD; a clone may keep no log.
     let file = |name: &str| {
         let path = git(&["rev-parse", "--path-format=absolute", "--git-path", name])?;
         Path::new(&path).exists().then_some(path)

@@ -1,7 +1,7 @@
-"""A planner as another program: alight trial --sea calm --planner "exec:python3 pd_descent.py"
+"""A planner in a separate program: alight trial --sea calm --planner "exec:python3 pd_descent.py"
 
-A plain PD law: towards the deck where it is now, without its motion, and down at the permitted speed. The common planner flies
-to the vessel.
+A plain PD law that flies towards the deck's present position, ignoring its motion, and descends at the permitted speed. The common
+planner flies to the vessel.
 """
 
 import json
@@ -16,7 +16,7 @@ LIMIT = 4.0  # m/s²
 
 
 def euler(acceleration, yaw):
-    """Roll, pitch, yaw of a body whose thrust gives this acceleration (NED)."""
+    """Roll, pitch, yaw of a body whose thrust produces this acceleration (NED)."""
     north, east, down = acceleration
     up = GRAVITY - down
     forward = math.cos(yaw) * north + math.sin(yaw) * east
@@ -25,7 +25,7 @@ def euler(acceleration, yaw):
 
 
 def plan(ask):
-    """Stages from the drone's measured state on."""
+    """Stages that begin at the drone's measured state."""
     mission, drone, forecast = ask["mission"], ask["drone"], ask["forecast"]
     target = list(forecast["stages"][0]["position"])
     descent = mission["descent_mps"] if mission["phase"] == "Landing" else 0.0

@@ -1,5 +1,3 @@
-//! The command line.
-
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -61,7 +59,6 @@ pub struct Cli {
     pub command: AlightCommand,
 }
 
-/// Commands by purpose, in the order of their use.
 const GROUPS: [(&str, &[&str]); 3] = [
     ("Simulate", &["trial", "study", "land", "rehearse"]),
     (
@@ -86,7 +83,6 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
 ];
 
-/// Commands of optional features, with the feature.
 const FEATURES: [(&str, &str); 7] = [
     ("calibrate", "calibrate"),
     ("land", "lab"),
@@ -171,8 +167,8 @@ fn named<'a>(cli: &'a Clap, typed: &[OsString]) -> &'a Clap {
     command
 }
 
-/// Text of a range error with a readable range: from "error: invalid value '6' for '--sea-state <1..5>': 6 is
-/// not in 1..=5".
+/// Text of a range error with a readable range, from "error: invalid value '6' for '--sea-state <1..5>': 6 is not in
+/// 1..=5".
 fn readable_range(text: &str) -> Option<String> {
     let (before, rest) = text.split_once(" is not in ")?;
     let (range, after) = rest.split_once('\n').unwrap_or((rest, ""));
@@ -222,7 +218,7 @@ const WANTED: [(&str, &str); 7] = [
 ];
 
 impl Cli {
-    /// Reads the command line. On an error or a request for help, prints that and ends the process.
+    /// Reads the command line. On an error or a request for help, prints it and ends the process.
     pub fn read() -> Cli {
         let (cli, typed) = (Cli::grouped(), std::env::args_os().collect::<Vec<_>>());
         let matches = cli.clone().try_get_matches_from(&typed);
@@ -317,7 +313,7 @@ pub enum AlightCommand {
     Estimate(estimate::EstimateArgs),
     /// List the flights recorded here, with outcomes.
     Flights(flights::FlightsArgs),
-    /// Compute a flight again: is it bit-identical?
+    /// Replay a flight: is it bit-identical?
     Replay(replay::ReplayArgs),
     /// Show processes, topics, ages, link and mission.
     Status(status::StatusArgs),
@@ -361,15 +357,15 @@ pub enum AlightCommand {
     /// Process of the drone: the link to a real autopilot (PX4, ArduCopter) by MAVLink.
     #[command(hide = true)]
     Autopilot(AutopilotArgs),
-    /// Process of the drone: the belly camera's images, and the tag in them.
+    /// Process of the drone: the belly camera's images and tag detections.
     #[command(hide = true)]
     Camera(CameraArgs),
-    /// Process of the drone: the ultraviolet camera's images, and the markers in them.
+    /// Process of the drone: the ultraviolet camera's images and marker detections.
     #[command(hide = true)]
     Uvdar(CameraArgs),
     /// Make and show certificates of vessel and drone.
     Keys(keys::KeysArgs),
-    /// Find what keeps this computer from flying.
+    /// Find faults that keep this computer from flying.
     Check(check::CheckArgs),
     /// List the deck's tags; print them at true scale.
     Tag(tag::TagArgs),
@@ -382,7 +378,7 @@ pub enum AlightCommand {
     /// Write manual pages for man(1) into a directory.
     #[command(hide = true)]
     Manual {
-        /// Directory, which has to exist.
+        /// Directory, which must exist.
         directory: PathBuf,
     },
 }
@@ -401,7 +397,7 @@ const LABORATORY: Laboratory<'static> = {
     laboratory
 };
 
-/// Lines of JSON between this program and planners and predictors that are other programs.
+/// Formats of the JSON lines exchanged with planners and predictors that are other programs.
 const LINES: &[alight_shared::schema::LineFormat] = {
     #[cfg(feature = "lab")]
     let lines = &lab::exec::protocol::LINES;

@@ -1,8 +1,8 @@
 //! `alight`: landings of a multirotor on a moving, rocking deck.
 //!
 //! The command line ([`cli`]) on four libraries: `alight-computer` (the processes of vessel and drone),
-//! `alight-people` (user interfaces), `alight-plugins` (ROS 2, Signal K, calibration) and `alight-lab`
-//! (simulation and experiments), which the packages omit.
+//! `alight-people` (user interfaces), `alight-plugins` (ROS 2, Signal K, calibration) and `alight-lab` (simulation
+//! and experiments), which the packages omit.
 
 mod cli;
 
@@ -14,7 +14,7 @@ use alight_computer::{process, terminal};
 fn main() -> ExitCode {
     let lines = process::journal::init();
     let result = cli::Cli::read().command.run();
-    // Earlier reports precede the error.
+    // Earlier reports must precede the error.
     drop(lines);
     match result {
         Ok(Exit::Success) => ExitCode::SUCCESS,

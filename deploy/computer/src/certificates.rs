@@ -45,7 +45,7 @@ fn params(name: &str, days: u32) -> CertificateParams {
     params
 }
 
-/// Makes the authority in `dir`; it never replaces an existing one.
+/// Creates the authority in `dir`; never replaces an existing one.
 pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     let doing = format_args!("making an authority in {}", dir.display());
     fs::create_dir_all(dir).doing(doing)?;
@@ -58,7 +58,7 @@ pub fn init(dir: &Path, days: u32) -> Result<(), CliError> {
     write(&dir.join(AUTHORITY_FILE), &certificate.pem())
 }
 
-/// Makes the key and certificate of one side, signed by the authority in `dir`, and returns their directory.
+/// Creates the key and certificate of one side, signed by the authority in `dir`; returns their directory.
 pub fn issue(
     dir: &Path,
     kind: &str,
@@ -91,7 +91,7 @@ pub fn issue(
         addresses.to_vec()
     };
     params.subject_alt_names = CertificateParams::new(own).doing(doing)?.subject_alt_names;
-    // Either side may listen, so both are server and client.
+    // Either side may listen, so both act as server and client.
     params.extended_key_usages = vec![
         ExtendedKeyUsagePurpose::ServerAuth,
         ExtendedKeyUsagePurpose::ClientAuth,
@@ -111,7 +111,7 @@ pub fn issue(
     Ok(directory)
 }
 
-/// TLS configuration with the files of one side; it admits only `peers`.
+/// TLS configuration from the files of one side; admits only `peers`.
 pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError> {
     let file = |name: &str| {
         let path = directory.join(name);
@@ -140,12 +140,12 @@ fn write(path: &Path, text: &str) -> Result<(), CliError> {
         .open(path)
         .and_then(|mut file| file.write_all(text.as_bytes()));
     written.doing(format_args!(
-        "writing {} (what is there is never replaced: use it, or move it away for a new one)",
+        "writing {} (an existing file is never replaced: use it, or move it away to make a new one)",
         path.display()
     ))
 }
 
-/// Text of a file; `hint` ends the error.
+/// Contents of a text file; `hint` is appended to the error.
 pub fn read(path: &Path, hint: &str) -> Result<String, CliError> {
     fs::read_to_string(path).doing(format_args!("reading {} ({hint})", path.display()))
 }
@@ -156,7 +156,6 @@ pub struct CertificateDetails {
     public_key: Vec<u8>,
     /// Subject key identifier, in the certificate of an authority.
     key_id: Option<Vec<u8>>,
-    /// Identifier of the signing key.
     signed_with: Option<Vec<u8>>,
 }
 
@@ -196,12 +195,11 @@ pub fn key_matches(pem: &str, own: &CertificateDetails) -> bool {
     KeyPair::from_pem(pem).is_ok_and(|key| key.subject_public_key_info() == own.public_key)
 }
 
-/// Whether the key of `authority` signed `own`, by their identifiers; None if one of them has no identifier.
+/// Whether the key of `authority` signed `own`, by their key identifiers; None if either has none.
 pub fn is_signed_by(own: &CertificateDetails, authority: &CertificateDetails) -> Option<bool> {
     Some(own.signed_with.as_ref()? == authority.key_id.as_ref()?)
 }
 
-/// System clock, s since 1970.
 pub fn today_s() -> i64 {
     OffsetDateTime::now_utc().unix_timestamp()
 }

@@ -1,5 +1,3 @@
-//! Exit codes and errors of commands.
-
 use std::fmt;
 
 use alight_shared::config::ConfigError;
@@ -7,13 +5,12 @@ use alight_transport::TransportError;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
-    /// Exit code 0.
     Success,
-    /// Exit code 1: the command ran, and the landing (or one of them) failed.
+    /// Exit code 1: the command ran, and a landing failed.
     Failed,
-    /// Exit code 2: a check found something that does not work.
+    /// Exit code 2: a check found a fault.
     Broken,
-    /// Exit code 3: this computer did not keep up with real time, and the result is not valid.
+    /// Exit code 3: this computer did not keep up with real time, so the result is invalid.
     TooSlow,
 }
 

@@ -1,4 +1,5 @@
-//! Replay of a log: recorded inputs through new nodes, outputs compared bit for bit, each step shown to observers.
+//! Replay of a log: recorded inputs are passed to new nodes, outputs are compared bit for bit, and each step is shown
+//! to observers.
 
 use core::any::Any;
 
@@ -36,13 +37,13 @@ pub trait Plot: StepObserver {
 }
 
 pub trait Viewer: StepObserver {
-    /// The flight has ended; viewers see its last picture for a little longer.
+    /// Keeps the last picture of an ended flight on display for a little longer.
     fn linger(&self);
 }
 
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
-/// Starts the view of a replayed flight under a name, and returns the lines with its addresses, too.
+/// Starts the view of a replayed flight under a name; returns the lines with its addresses.
 pub type StartViewer<'a> =
     &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
 
@@ -50,23 +51,23 @@ pub type StartViewer<'a> =
 pub struct NodeReplay {
     pub node: String,
     pub steps: u64,
-    /// Time in a recording of the first step whose output differs, s.
+    /// Time in a recording of the first step with a different output, s.
     pub differs_at_s: Option<f64>,
     pub differs_at_step: Option<u64>,
 }
 
-/// Builds the law of a recorded planner that the drone's program does not include, from the recording's text
-/// and the settings.
+/// Builds the law of a recorded planner that the drone's program does not include, from the recording's text and the
+/// settings.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// Starts of the rows in a log, in the order of the data flow; observers see no others.
+/// Starts of the rows in a log, in data-flow order; observers see no others.
 pub fn shown(log: &Log) -> Vec<PartHeader> {
     let mut rows: Vec<_> = log.starts.iter().filter(|s| s.rank().is_some()).collect();
     rows.sort_by_key(|s| s.rank());
     rows.into_iter().map(|s| s.header.clone()).collect()
 }
 
-/// Replays the log and shows each step to the observers with its time moved by `shift`.
+/// Replays the log and shows each step to the observers, with its time moved by `shift`.
 pub fn replay(
     log: &Log,
     law: ForeignLaw<'_>,
@@ -94,7 +95,7 @@ pub fn replay(
     let replayed: Vec<NodeReplay> = players.into_iter().flatten().map(|p| p.replayed).collect();
     if replayed.is_empty() || (log.is_recording() && replayed.iter().all(|r| r.steps == 0)) {
         return Err(CliError(format!(
-            "{}: no process is recorded from its beginning, and none can be computed again; name the flight's directory",
+            "{}: no process is recorded from its beginning, so none can be replayed; name the flight's directory",
             log.path().display()
         )));
     }
@@ -102,21 +103,21 @@ pub fn replay(
 }
 
 struct Player {
-    /// None after the first step that is missing or differs in its inputs.
+    /// None after the first step that is missing or has a different input.
     node: Option<Box<dyn Replayed>>,
     replayed: NodeReplay,
     has_time: bool,
 }
 
 impl Player {
-    /// None for the world, and for a start whose input is only partly recorded.
+    /// None for the world, and for a start whose input was only partly recorded.
     fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
         let (header, name) = (&start.header, start.name());
         if header.process == WORLD {
             return Ok(None);
         }
         if let Some(why) = not_recorded(start)? {
-            note(true, format!("{name}: {why}, and is not computed again"));
+            note(true, format!("{name}: {why}, and is not replayed"));
             return Ok(None);
         }
         let has_time = log.is_recording();
@@ -151,7 +152,7 @@ impl Player {
             note(
                 true,
                 format!(
-                    "{}: steps {first} to {last} are missing: the steps after them are not computed again",
+                    "{}: steps {first} to {last} are missing: later steps are not replayed",
                     replayed.node
                 ),
             );
@@ -167,7 +168,7 @@ impl Player {
     }
 }
 
-/// Reason why a start cannot be computed again: a part of its input is not recorded.
+/// Reason why a start cannot be replayed: a part of its input is not recorded.
 fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
     let (header, kind) = (&start.header, start.kind());
     if header.first_step > 0 {
@@ -211,7 +212,6 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
     })
 }
 
-/// Makes the node of a start in its initial state.
 #[derive(Clone, Copy)]
 struct Beginning<'a> {
     log: &'a Log,
@@ -255,8 +255,8 @@ impl uav::RowVisitor for Beginning<'_> {
 }
 
 trait Replayed {
-    /// Replays one recorded step; true if the output is the same. An input with a forecast or plan that the
-    /// replay has not computed counts as a difference.
+    /// Replays one recorded step; true if the output is the same. An input with a forecast or plan that the replay
+    /// has not computed counts as a difference.
     fn step(
         &mut self,
         t: Time<TrueTime>,

@@ -16,7 +16,6 @@ const TIMES: [(&str, f64); 4] = [("s", 1.0), ("min", 60.0), ("h", 3600.0), ("ms"
 pub const SECOND: (&str, f64) = ("s", 1.0);
 pub const MINUTE: (&str, f64) = ("min", 60.0);
 
-/// Number, and the size of its unit if it has one.
 fn split(text: &str, units: &[(&str, f64)]) -> Result<(f64, Option<f64>), String> {
     let number = |text: &str| text.trim().parse::<f64>().ok();
     if let Some(plain) = number(text) {
@@ -32,12 +31,12 @@ fn split(text: &str, units: &[(&str, f64)]) -> Result<(f64, Option<f64>), String
     })
 }
 
-/// Speed, m/s; plain numbers are in m/s.
+/// Speed, m/s; a plain number is in m/s.
 pub fn speed_mps(text: &str) -> Result<f64, String> {
     split(text, &SPEEDS).map(|(number, unit)| number * unit.unwrap_or(1.0))
 }
 
-/// Duration, s; plain numbers are in s.
+/// Duration, s; a plain number is in s.
 pub fn duration_s(text: &str) -> Result<f64, String> {
     split(text, &TIMES).map(|(number, unit)| number * unit.unwrap_or(1.0))
 }
@@ -58,7 +57,6 @@ impl FromStr for WrittenTime {
 }
 
 impl WrittenTime {
-    /// Whole multiples of `unit` within a range.
     pub fn whole(self, (name, unit_s): (&str, f64), range: &RangeInclusive<u32>) -> Result<u32, String> {
         let count = self.1.map_or(self.0, |s| self.0 * s / unit_s);
         let (low, high) = (*range.start(), *range.end());

@@ -1,4 +1,4 @@
-//! Situation of one computer, derived only from its processes' topics.
+//! Situation of one computer, derived only from the topics of its processes.
 
 use alight_shared::admission::AccessRejection;
 use alight_shared::metrics::{MetricName, MetricValue};
@@ -16,7 +16,7 @@ use crate::process::facts::Facts;
 use crate::process::snapshot::Snapshot;
 use crate::subject::Computer;
 
-/// Two periods of the processes' reports, s; a process without a report by then is silent.
+/// Two reporting periods, s; a process without a report for this time is silent.
 pub const OBSERVATION_S: f64 = 1.2;
 
 /// Report that a computer with this configuration makes once its processes run.
@@ -27,7 +27,7 @@ pub fn configured(computer: &Computer) -> ComputerReport {
     }
 }
 
-/// Real sensor: its bytes, and the estimator's use of its measurements.
+/// State of a real sensor: its bytes, and the estimator's use of its measurements.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct SourceHealth {
     pub name: String,
@@ -45,16 +45,15 @@ pub struct ObservedSituation {
     pub snapshot: Snapshot,
     /// Observer's clock, ns: the steady clock for running processes.
     pub now_ns: i64,
-    /// Time until the battery reaches its reserve, s, once this flight has shown the rate.
+    /// Time until the battery reaches its reserve, s, once this flight has shown the discharge rate.
     pub battery_left_s: Option<f64>,
 }
 
 impl ObservedSituation {
-    /// Situation by the messages received until `now_ns`.
     pub fn of(snapshot: &Snapshot, now_ns: i64) -> ObservedSituation {
         ObservedSituation::look(snapshot, &ComputerReport::default(), now_ns)
     }
-    /// Situation of a computer, whose own report takes precedence over `configured`.
+    /// Situation of a computer; its own report takes precedence over `configured`.
     pub fn look(snapshot: &Snapshot, configured: &ComputerReport, now_ns: i64) -> ObservedSituation {
         ObservedSituation {
             known: snapshot.computer.unwrap_or(*configured),
@@ -73,7 +72,7 @@ impl ObservedSituation {
     pub fn process(&self, kind: ProcessKind) -> Option<&ProcessState> {
         self.snapshot.processes.get(&kind)
     }
-    /// Whether that process reports. By radio, a vessel reports less often.
+    /// Whether the process reports. A vessel's process reports less often by radio.
     pub fn reports(&self, kind: ProcessKind) -> bool {
         let by_radio = kind == ProcessKind::Vessel && !self.known.processes.contains(&kind);
         let stale_s = topics::process_reports(by_radio).stale_after.secs();
@@ -83,7 +82,7 @@ impl ObservedSituation {
     pub fn has_waited(&self) -> bool {
         self.since_s(self.snapshot.since_ns) >= OBSERVATION_S
     }
-    /// Silent processes, and the time since the last report of each, s, if any.
+    /// Silent processes, each with the time since its last report, s, if any.
     pub fn silent(&self) -> Vec<(ProcessKind, Option<f64>)> {
         let missing = self.known.processes.iter().copied();
         let missing = missing.filter(|kind| self.has_waited() && self.process(*kind).is_none());
@@ -98,8 +97,8 @@ impl ObservedSituation {
         let age_s = self.since_s(self.snapshot.computer.as_ref()?.header.at.nanos());
         (age_s > topics::COMPUTER.stale_after.secs()).then_some(age_s)
     }
-    /// Time since the landing or the stopped take-off, s, of a drone that remains armed on the deck for
-    /// longer than disarming takes.
+    /// Time since the landing or the stopped take-off, s, if the drone remains armed on the deck for longer than
+    /// disarming takes.
     pub fn still_armed_s(&self) -> Option<f64> {
         let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
         let disarm_s = self.known.disarm_s;
@@ -115,7 +114,7 @@ impl ObservedSituation {
         let Some((known, status)) = self.vessel() else {
             return Vec::new();
         };
-        // The vessel's clock advances like the steady clock; drift since the newest report does not count as age.
+        // The vessel's clock advances like the steady clock, so drift since the newest report does not count as age.
         let since_ns = self.now_ns.saturating_sub(self.known.header.at.nanos());
         let now = known.clock + Span::from_nanos(since_ns);
         let source = |r: &SourceReport| {
@@ -195,7 +194,7 @@ mod tests {
     use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
     use alight_shared::time::Time;
 
-    /// Running processes are known by their reports alone, not by files or the present configuration.
+    /// The state of running processes is known from their reports alone, not from files or the present configuration.
     #[test]
     fn situation_by_topics_alone() {
         let reported = ComputerReport {

@@ -12,10 +12,8 @@ use crate::exit::{CliError, Doing};
 use crate::process::instance::is_running;
 
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
-/// Default instance of a simulated landing.
 pub const SIMULATED: &str = "sim";
 
-/// Vessel's or drone's computer, by its configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Computer {
     Vessel(Box<VesselComputerConfig>),
@@ -23,7 +21,7 @@ pub enum Computer {
 }
 
 impl Computer {
-    /// Reads a vessel's or a drone's configuration, distinguished by the keys that only one of them has.
+    /// Reads a vessel's or a drone's configuration, distinguished by keys that only one of them has.
     pub fn read(path: &Path) -> Result<Computer, CliError> {
         let text = fs::read_to_string(path).doing(format_args!(
             "reading {} (check the path and its permissions)",
@@ -57,7 +55,7 @@ impl Computer {
             .find(readable)
             .map(Path::to_path_buf)
     }
-    /// The computer with another instance name, if one is given.
+    /// This computer under another instance name, if one is given.
     #[must_use]
     pub fn named(mut self, instance: Option<&str>) -> Computer {
         if let Some(name) = instance {
@@ -74,11 +72,11 @@ impl Computer {
     }
 }
 
-/// Drone of the instance `name`: the installed one, or that of a simulated landing, whose file is next to its
+/// Drone of the instance `name`: the installed drone, or that of a simulated landing, whose file is next to its
 /// memory.
 fn drone_of_instance(name: &str) -> Result<Option<DroneComputerConfig>, CliError> {
     let [_, installed] = SHIPPED.map(Path::new);
-    // Without permission to read the installed file, the other is tried.
+    // Without permission to read the installed file, the simulated landing's is tried.
     let installed: Option<DroneComputerConfig> = config::load(installed).ok();
     if let Some(drone) = installed.filter(|d| d.instance == name) {
         return Ok(Some(drone));
@@ -100,8 +98,8 @@ fn unconfigured(name: &str) -> DroneComputerConfig {
     }
 }
 
-/// Drone that a command on this computer refers to. The installed one takes precedence over a simulated
-/// landing unless another name is given: an order must not go to a simulation while a drone flies.
+/// Drone that a command on this computer refers to. The installed drone takes precedence over a simulated landing
+/// unless another name is given: an order must not go to a simulation while a drone flies.
 pub fn commanded_drone(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -117,7 +115,8 @@ pub fn commanded_drone(
     let name = instance.unwrap_or(SIMULATED);
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
-        // Without it, an order might have the wrong drone's number and is rejected; an abort is tried.
+        // Without the configuration an order might carry the wrong drone's number, so it is rejected; an abort is
+        // tried.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
             "the configuration of the processes {name} is not found: name it with --config"
         ))),
@@ -125,8 +124,8 @@ pub fn commanded_drone(
     }
 }
 
-/// Vessel that an order on board refers to: the installed one, or, by name, that of a simulated landing,
-/// whose file is next to its memory.
+/// Vessel that an order on board refers to: the installed vessel, or, by name, that of a simulated landing, whose
+/// file is next to its memory.
 pub fn commanded_vessel(
     config: Option<&Path>,
     instance: Option<&str>,
@@ -157,7 +156,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Configuration; that of a landing on this computer takes precedence over the installed one.
+    /// Configuration of the subject; that of a landing on this computer takes precedence over the installed one.
     pub fn computer(&self) -> Result<Computer, CliError> {
         let fixed = self.fixed()?;
         match (&fixed.instance, &fixed.config) {
@@ -179,7 +178,7 @@ impl Subject {
         }
         self.fixed()
     }
-    /// Whether the configuration was read, not guessed.
+    /// Whether the configuration was read from a file, not assumed.
     pub fn is_configured(&self) -> bool {
         let known = |name: &String| drone_of_instance(name).is_ok_and(|drone| drone.is_some());
         self.instance.as_ref().is_none_or(known)

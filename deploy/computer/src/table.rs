@@ -1,4 +1,4 @@
-//! Tables, rendered for a terminal, as Markdown or as HTML.
+//! Tables for a terminal, as Markdown or as HTML.
 
 use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
@@ -44,7 +44,7 @@ impl Cell {
     pub fn signed(value: f64, digits: usize) -> Cell {
         format!("{value:+.digits$}").into()
     }
-    /// Adds a note: in brackets, or on a page small and below.
+    /// Adds a note: in brackets; on a page, in small print below the value.
     pub fn note(mut self, note: impl Display) -> Cell {
         self.note = note.to_string();
         self
@@ -73,7 +73,7 @@ macro_rules! cells {
     ($($value:expr),* $(,)?) => { [$($crate::table::Cell::from(&$value)),*] };
 }
 
-/// Text is left-aligned, numbers are right-aligned.
+/// Table with text left-aligned and numbers right-aligned.
 #[derive(Clone, Debug, Default)]
 pub struct Table {
     heads: Vec<String>,
@@ -82,7 +82,7 @@ pub struct Table {
 }
 
 impl Table {
-    /// Table with these headings and no rows; the columns `numbers` contain numbers.
+    /// Table with these headings and no rows; `numbers` are the columns that contain numbers.
     pub fn new<H: Display>(numbers: impl RangeBounds<usize>, heads: impl IntoIterator<Item = H>) -> Table {
         let heads: Vec<String> = heads.into_iter().map(|h| h.to_string()).collect();
         Table {
@@ -97,8 +97,8 @@ impl Table {
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
-    /// Text for a terminal: one line per row, columns as wide as their longest cell. Columns beyond the terminal's width
-    /// follow in further blocks, which repeat the columns before the first number.
+    /// Text for a terminal: one line per row, columns as wide as their longest cell. Columns beyond the terminal's
+    /// width follow in further blocks, each of which repeats the columns before the first number.
     pub fn text(&self) -> String {
         let lines: Vec<Vec<String>> = core::iter::once(self.heads.clone())
             .chain(self.rows.iter().map(|r| r.iter().map(Cell::line).collect()))
@@ -112,7 +112,7 @@ impl Table {
         let names = self.is_number.iter().take_while(|is| !**is).count().max(1);
         let named = widths.iter().take(names).map(|width| width + 2).sum::<usize>();
         let (mut block, mut used) = (0, named);
-        // Block of each column; None: in all.
+        // Block of each column; None: the column is in every block.
         let blocks = widths.iter().enumerate().map(|(k, width)| {
             let own = width + 2;
             if k > names && used + own > WIDTH {
@@ -149,7 +149,7 @@ impl Table {
         }
         out
     }
-    /// HTML; a line is drawn where the first column changes.
+    /// HTML with a line wherever the first column changes.
     pub fn html(&self) -> String {
         let class = |is_number: &bool, quality: Quality| match (is_number, quality) {
             (false, _) => " class=\"text\"",
@@ -192,7 +192,6 @@ pub fn escape(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
-/// Colour of standard output, by its number in ECMA-48.
 #[derive(Clone, Copy, Debug)]
 pub enum Colour {
     Red = 31,

@@ -1,4 +1,4 @@
-//! Output for users and for machines. If the reader goes away (`| head`), the program ends quietly instead of
+//! Output for users and for programs. If the reader closes the pipe (`| head`), the program ends quietly instead of
 //! with a panic.
 
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::exit::{CliError, Doing};
 
-/// Form of a command's result: for machines, or for users by default.
+/// Form of a command's result: for users by default, or for programs.
 #[derive(Args, Clone, Copy, Debug, Default)]
 pub struct Form {
     /// Print the result as one JSON object, the last line
@@ -28,7 +28,7 @@ impl Form {
     pub const fn alone(self) -> bool {
         self.json || self.csv
     }
-    /// Prints the result as JSON or its rows as CSV, as requested; false if it is for users. Without rows
+    /// Prints the result as JSON or its rows as CSV, if requested; false if the result is for users. Without rows
     /// nothing is printed.
     pub fn print(self, result: &impl Serialize, rows: &[impl Serialize]) -> Result<bool, CliError> {
         if self.json {
@@ -103,8 +103,8 @@ struct Cells {
 }
 
 impl Cells {
-    /// Adds the fields of a row, those of inner objects as `outer.inner`; `after` is the position of the next
-    /// new column.
+    /// Adds the fields of a row, those of inner objects as `outer.inner`; `after` is the position of the next new
+    /// column.
     fn add(&mut self, row: &mut BTreeMap<String, String>, outer: &str, fields: Fields, after: &mut usize) {
         for (name, field) in fields.0 {
             let name = format!("{outer}{name}");
@@ -125,7 +125,7 @@ impl Cells {
             row.insert(name, cell);
         }
     }
-    /// Drops empty columns of objects that some rows lack; the objects' fields have separate columns.
+    /// Drops empty columns of objects that some rows lack; the fields of these objects have separate columns.
     fn without_missing_objects(&mut self) {
         let all = self.names.clone();
         self.names.retain(|name| {
@@ -139,8 +139,8 @@ impl Cells {
     }
 }
 
-/// Rows as CSV with a column for each field of their JSON, in order: fields of an inner object as
-/// `outer.inner`, a list in one cell as JSON, unknown values empty. Without rows the text is empty.
+/// Rows as CSV with one column for each field of their JSON, in order: fields of an inner object as `outer.inner`, a
+/// list as JSON in one cell, unknown values empty. Without rows the text is empty.
 fn csv(rows: &[impl Serialize]) -> Result<String, CliError> {
     let doing = "writing CSV";
     let mut cells = Cells::default();
@@ -178,7 +178,7 @@ fn csv_lines(rows: &[impl Serialize]) -> Result<Option<String>, CliError> {
 
 pub const WIDTH: usize = 80;
 
-/// Appends `more`, each term after a space; a term that does not fit begins an indented line.
+/// Appends the terms `more`, each after a space; a term that does not fit begins an indented line.
 pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     for piece in more.split_whitespace() {
         let used = text.rsplit('\n').next().map_or(0, |line| line.chars().count());
@@ -191,7 +191,6 @@ pub fn wrap(text: &mut String, indent: usize, width: usize, more: &str) {
     }
 }
 
-/// Text in lines of a terminal, the further ones indented.
 pub fn wrapped(text: &str) -> String {
     let mut out = String::new();
     wrap(&mut out, 2, WIDTH, text);

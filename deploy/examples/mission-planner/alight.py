@@ -1,6 +1,6 @@
-"""Orders of Mission Planner to Alight: its Scripts page runs this file. Choose one by ORDER.
+"""Sends an order from Mission Planner, whose Scripts page runs this file, to Alight. ORDER selects the order.
 
-LAND lands the drone on the vessel, ABORT breaks the landing off, HOLD holds until the next order, KEEP keeps PLACE beside the
+LAND lands the drone on the vessel, ABORT breaks the landing off, HOLD holds until the next order, KEEP keeps PLACE next to the
 vessel.
 """
 import clr

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""What a ground station sees of a landing, by pymavlink (pip install pymavlink==2.4.50).
+"""Shows a landing as a ground station receives it, with pymavlink (pip install pymavlink==2.4.50).
 
     python3 ground_station.py udpin:0.0.0.0:14550 &
     alight land --ground-station 127.0.0.1:14550
 
-Prints what the companion sends: its heartbeats (counted), each text, and the named values once a second. With --switch it
-turns the switch of the remote control (autopilot.rc_switch) by RC_CHANNELS_OVERRIDE: "7: 1500@0 2000@20 1000@40" puts
+Prints the companion's messages: the number of heartbeats, each text, and the named values once a second. With --switch it
+moves the switch of the remote control (autopilot.rc_switch) by RC_CHANNELS_OVERRIDE: "7: 1500@0 2000@20 1000@40" puts
 channel 7 to 1500 us at once, to 2000 after 20 s and to 1000 after 40 s. With --order it commands the companion as the actions
-of deploy/examples/qgroundcontrol do: "abort@30 land@45", and prints each answer. With --set it asks for the companion's
+of deploy/examples/qgroundcontrol do: "abort@30 land@45", and prints each answer. With --set it reads the companion's
 parameters and sets them: "ALIGHT_MODE=1@5" after 5 s.
 """
 import argparse
@@ -18,7 +18,7 @@ from pymavlink import mavutil
 COMPANION = 191  # MAV_COMP_ID_ONBOARD_COMPUTER
 # MAV_CMD_USER_1 to 4 and MAV_CMD_NAV_TAKEOFF
 ORDERS = {"land": 31010, "abort": 31011, "hold": 31012, "station": 31013, "takeoff": 22}
-USUAL = [float("nan")] * 4  # place and time of a station; no other order has parameters
+USUAL = [float("nan")] * 4  # position and time of a station; no other order has parameters
 
 
 def switch(text):
@@ -97,7 +97,7 @@ def main():
         elif kind == "STATUSTEXT":
             severity = name_of("MAV_SEVERITY", message.severity)
             begun += message.text
-            # A long text comes in parts, of which the last is not full.
+            # A long text arrives in chunks, the last of which is not full.
             if not message.id or len(message.text) < 50:
                 print(f"{elapsed:6.1f}  STATUSTEXT {severity:<8} {begun}", flush=True)
                 begun = ""

@@ -1,5 +1,3 @@
-//! Flags of flights in the simulated world.
-
 use std::ffi::OsStr;
 #[cfg(test)]
 use std::ffi::OsString;
@@ -25,7 +23,7 @@ use super::exec;
 use super::scene::{Scene, written};
 use super::study::definition;
 
-/// Parses flags after the name of a command, which comes first.
+/// Parses flags without the name of the command, which is inserted first.
 #[cfg(test)]
 pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> T {
     let matches = T::augment_args(Command::new("alight")).try_get_matches_from(arguments);
@@ -35,7 +33,7 @@ pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + 
 #[derive(Clone)]
 pub struct Offering<P>(P, Vec<PossibleValue>);
 
-/// Parser that offers `names` for a value that `reader` parses, in help, manual pages and completions.
+/// Parser that offers `names` in help, manual pages and completions for a value that `reader` parses.
 pub fn offering<P>(reader: P, names: impl IntoIterator<Item: Into<PossibleValue>>) -> Offering<P> {
     Offering(reader, names.into_iter().map(Into::into).collect())
 }
@@ -57,21 +55,19 @@ impl<P: TypedValueParser> TypedValueParser for Offering<P> {
 
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum PlannerArg {
-    /// The paper's: attitude weights that grow near the deck (FAA).
+    /// The paper's planner: attitude weights that grow near the deck (FAA).
     MpcFaa,
     /// MPC without FAA.
     Mpc,
-    /// Alight's: position, velocity and attitude match the deck's at a chosen time.
+    /// Alight's planner: position, velocity and attitude match the deck's at a chosen time.
     Alight,
     /// Baseline of Gupta et al.: Fourier modes of the tag's pose; lands when the tilt permits it.
     MpcNe,
 }
 
-/// Planner of this program, or another program.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlannerChoice {
     Included(PlannerArg),
-    /// Command for the shell.
     Exec(String),
 }
 
@@ -232,7 +228,7 @@ fn on_off(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Named seas; others are written as amplitude and period, or as wave systems.
+/// Named seas; other seas are given as amplitude and period, or as wave systems.
 const SEAS: [&str; 5] = ["calm", "slight", "moderate", "rough", "very-rough"];
 
 pub fn sea() -> impl TypedValueParser<Value = SeaArg> {
@@ -241,7 +237,7 @@ pub fn sea() -> impl TypedValueParser<Value = SeaArg> {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum WindArg {
-    /// Wind that raises the given sea, along its waves.
+    /// Wind that raises the given sea, blowing along its waves.
     Auto,
     Mean(f64),
 }
@@ -270,8 +266,8 @@ impl fmt::Display for WindArg {
 /// Scene of a trial.
 #[derive(Args, Debug, Clone)]
 pub struct SceneArgs {
-    /// Sea by name, AMPLITUDE_M,PERIOD_S, or wave systems by significant height (m), peak period (s) and direction from
-    /// the mean (deg): jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
+    /// Sea by name, AMPLITUDE_M,PERIOD_S, or wave systems by significant height (m), peak period (s) and direction
+    /// from the mean (deg): jonswap:0.8,4.5+pm:1,8@60 [default: moderate; with --hull jonswap:1,5]
     #[arg(long, value_name = "NAME|A,T|SYSTEMS", allow_hyphen_values = true, value_parser = sea())]
     pub sea: Option<SeaArg>,
     /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its class; period of
@@ -312,10 +308,10 @@ pub struct SceneArgs {
     /// Duration of the outage, s, or with a unit: 5min [default: for good]
     #[arg(long, value_name = "TIME", requires = "outage_at", value_parser = duration_s)]
     pub outage_duration: Option<f64>,
-    /// Time after the landing at which its position is judged, s
+    /// Time after the landing at which its position is evaluated, s
     #[arg(long, value_name = "TIME", value_parser = duration_s)]
     pub stay: Option<f64>,
-    /// Descend at a random moment, regardless of the predicted probability: compares prediction and result
+    /// Descend at a random moment, regardless of the predicted probability, to compare prediction and result
     #[arg(long)]
     pub begin_anyway: bool,
     /// Scenario file (TOML; `alight config scenario` prints the defaults); flags override it
@@ -327,7 +323,7 @@ pub struct SceneArgs {
     /// Configuration of the drone's side (TOML; `alight config drone`)
     #[arg(long, value_name = "FILE")]
     pub drone_config: Option<PathBuf>,
-    /// Keys of the method (TOML; `alight config drone --tuning` prints them), which no file of a flight sets
+    /// Keys of the method (TOML; `alight config drone --tuning` prints them), which flight configurations do not set
     #[arg(long, value_name = "FILE")]
     pub tuning: Option<PathBuf>,
     /// Recorded deck motion instead of the simulated vessel: CSV with t_s, roll_deg, pitch_deg and any of heave_m,
@@ -343,7 +339,8 @@ pub struct SceneArgs {
     /// Start of the trial in the recording, s [default: 0]
     #[arg(long, value_name = "TIME", requires = "deck_motion", value_parser = duration_s)]
     pub motion_start: Option<f64>,
-    /// Render the belly camera and detect the tag in its images, instead of its measurement model
+    /// Render the belly camera and detect the tag in its images, instead of simulating detections by a measurement
+    /// model
     #[arg(long)]
     pub render_camera: bool,
     /// Keep the recording's mean tilt instead of removing it
@@ -419,7 +416,7 @@ pub struct TrialArgs {
     /// Spread the starts of --trials over the recording: trial i begins at motion-start + i * this, s
     #[arg(long, value_name = "TIME", requires = "trials", requires = "deck_motion", value_parser = duration_s)]
     pub motion_stride: Option<f64>,
-    /// Write one line per landing of --trials (CSV) to this file, too
+    /// Also write one line per landing of --trials (CSV) to this file
     #[arg(long, value_name = "FILE.csv", requires = "trials")]
     pub rows: Option<PathBuf>,
     /// Draw paths, speeds and attitudes to an SVG
@@ -450,7 +447,7 @@ impl TrialArgs {
 
 #[derive(Clone, Copy, Debug)]
 pub struct Shard {
-    /// Counted from 1.
+    /// Number of the shard, from 1.
     pub index: u64,
     pub count: u64,
 }
@@ -513,12 +510,13 @@ pub struct StudyArgs {
     pub tasks: Option<u32>,
     /// Write the motion of each scene's deck to CSV: truth, sensors
     ///
-    /// Of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
+    /// Motion of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "tasks", "out", "json", "csv", "within"])]
     pub motion: Option<PathBuf>,
     /// End a row once its rate is known to PERCENT %
     ///
-    /// That is up and down. The interval is Wilson's of 95 %, computed every 20 trials; a row has --trials at most.
+    /// PERCENT applies upward and downward. The interval is Wilson's of 95 %, computed every 20 trials; a row has at
+    /// most --trials.
     #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
     pub within: Option<u8>,
     /// Output format.
@@ -526,7 +524,7 @@ pub struct StudyArgs {
     pub form: Form,
 }
 
-/// Wind of an envelope, m/s; with the vessel's own speed it remains within a scenario's range.
+/// Wind of an envelope, m/s, bounded so that with the vessel's own speed it remains within a scenario's range.
 fn wind_speed(text: &str) -> Result<f64, String> {
     let speed = speed_mps(text).ok().filter(|v| (0.5..=20.0).contains(v));
     speed.ok_or_else(|| format!("`{text}` is not a valid wind: give 0.5 to 20 m/s"))
@@ -541,13 +539,13 @@ The boat is --hull with --vessel-config (deck, keep-out volumes) and --vessel, -
 pub struct EnvelopeArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Fly a coarse grid: some ten minutes on two cores
+    /// Fly a coarse grid: about ten minutes on two cores
     #[arg(long)]
     pub quick: bool,
     /// Relative winds, m/s, or with a unit: 10kn [default: 2,4,6,8,10,12,14; with --quick 4,6,8,10,12]
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
-    /// Directions of the wind, all round [default: 12; with --quick 8]
+    /// Number of wind directions, evenly spaced all round [default: 12; with --quick 8]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
     pub directions: Option<u16>,
     /// Sea states (WMO code table 3700) [default: 1,2,3,4; with --quick 2,3,4]

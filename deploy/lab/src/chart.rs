@@ -16,8 +16,8 @@ use plotters::prelude::*;
 
 use crate::report::document::Chart;
 
-/// Colours of lines and groups, in order; the first two are drone and deck. The first six are from Okabe and
-/// Ito, in the order of the Python module's plots.
+/// Colours of lines and groups, in order; the first two are drone and deck. The first six are from Okabe and Ito, in
+/// the order of the Python module's plots.
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -44,9 +44,9 @@ fn colour(index: usize) -> RGBColor {
     COLOURS.get(index % COLOURS.len()).copied().unwrap_or(BLACK)
 }
 
-/// A line of a single point is a mark.
+/// Line of a chart; a single point is drawn as a mark.
 struct Line {
-    /// Empty: not in the legend.
+    /// Empty: the line is not in the legend.
     name: String,
     colour: RGBColor,
     /// Length of strokes and gaps, px; None: solid.
@@ -140,7 +140,7 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
     Ok(())
 }
 
-/// Checks before the flight whether a plot can be written to `path`, as an SVG by its name.
+/// Checks before the flight whether a plot can be written to `path`, which must name an SVG.
 pub fn can_write(path: &Path) -> Result<(), CliError> {
     let is_svg = |e: &OsStr| e.eq_ignore_ascii_case("svg");
     if !path.extension().is_some_and(is_svg) {
@@ -171,7 +171,7 @@ fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
     low - margin..high + margin
 }
 
-/// Curve with a point for each position; None if nothing was measured there.
+/// Curve with one point for each position; None if nothing was measured there.
 pub struct Curve {
     pub name: String,
     pub points: Vec<Option<f64>>,

@@ -1,5 +1,5 @@
-//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated
-//! vehicles, faults, the link emulator. Vessels and drones do not install this library.
+//! Simulation and experiments: trials and studies in lock-step, landings in real time with simulated vehicles,
+//! faults, the link emulator. Computers of vessels and drones do not install this library.
 
 pub mod args;
 pub mod chart;
@@ -32,7 +32,7 @@ use storm::StormArgs;
 pub enum LabCommand {
     /// Fly one landing or many, faster than real time.
     Trial(Box<TrialArgs>),
-    /// Measure one thing over many seeds.
+    /// Measure one quantity over many seeds.
     Study(Box<StudiesArgs>),
     /// Land once in real time on simulated vehicles.
     Land(Box<LandArgs>),
@@ -94,7 +94,7 @@ pub enum RehearsalPart {
 }
 
 impl LabCommand {
-    /// Runs the command of `program` (version and commit) to its end; `viewer` shows a simulated flight.
+    /// Runs the command to completion; `program` is version and commit, `viewer` shows a simulated flight.
     pub fn run(&self, program: &str, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
         match self {
             LabCommand::Trial(a) => match a.trials {

@@ -1,5 +1,3 @@
-//! Outcomes of trials as text and as JSON.
-
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table, verdict};
 use alight_computer::terminal::wrapped;
@@ -9,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 type MetricRow = (&'static str, Option<f64>, usize, &'static str);
 
-/// Metrics of one trial; None for those that the landing did not reach.
+/// Metrics of one trial; None for metrics that the landing did not reach.
 fn metrics(o: &Outcome) -> [MetricRow; 13] {
     [
         (
@@ -22,7 +20,7 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
             "position at rest, m",
             o.rest_position_error_m,
             3,
-            "the same when all is still",
+            "the same distance once the drone is at rest",
         ),
         (
             "touchdown speed, m/s",
@@ -73,7 +71,8 @@ fn metrics(o: &Outcome) -> [MetricRow; 13] {
     ]
 }
 
-/// Outcome of one trial with at most `rows` metrics; with `mode = "match"` the reason of a successful match, which is not a landing.
+/// Outcome of one trial with at most `rows` metrics; with `mode = "match"`, the reason of a successful match, which
+/// is not a landing.
 pub fn outcome(o: &Outcome, matched: Option<&str>, rows: usize) -> String {
     let mut table = Table::new(1..2, ["metric", "value", "meaning"]);
     // A landing that did not begin has few of these metrics.

@@ -1,4 +1,4 @@
-//! `alight study rare`: estimates the rate of rare unsafe landings, by splitting.
+//! `alight study rare`: estimates the rate of rare unsafe landings by splitting.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -26,7 +26,7 @@ pub struct RareArgs {
     /// Landings in a population
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u16).range(8..=10_000))]
     population: u16,
-    /// Independent runs; their spread gives the interval
+    /// Independent runs, whose spread gives the interval
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=10))]
     runs: u8,
     /// Seed of the first run

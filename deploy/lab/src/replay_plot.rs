@@ -1,5 +1,5 @@
-//! `alight replay --plot`: draws the last landing of a flight by the drone's own estimate, because its truth
-//! is not recorded.
+//! `alight replay --plot`: draws the last landing of a flight from the drone's own estimate, because its truth is not
+//! recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -144,7 +144,7 @@ mod tests {
             ..DeckForecast::default()
         };
         let p = point(1.0, now, &drone, &forecast, 0.25).unwrap();
-        // 1.75 m above the centre; starboard of a deck that is rolled to starboard is down.
+        // 1.75 m above the centre; on a deck that is rolled to starboard, starboard points down.
         assert!((p.displacement[1] + 1.75 * 0.2_f64.sin()).abs() < 1e-9, "{p:?}");
         assert!((p.displacement[2] - 1.75 * 0.2_f64.cos()).abs() < 1e-9, "{p:?}");
         assert!((p.relative_euler[0] + 0.2).abs() < 1e-9, "{p:?}");

@@ -27,9 +27,7 @@ pub fn print_defaults() -> Result<Exit, CliError> {
 pub struct Scene {
     pub scenario: Scenario,
     pub nodes: NodeConfigs,
-    /// Sea as named on the command line.
     pub sea: String,
-    /// Flags that produce this scene, for a replay command.
     pub flags: String,
     pub remarks: Vec<String>,
     /// The drone's crew uses knots for winds and speeds.
@@ -53,7 +51,7 @@ impl Scene {
         };
         let (mut nodes, knots) = configured(args, &mut remarks)?;
         if args.scenario.is_none() {
-            // The deck carries the tags of the drone's file.
+            // The deck has the tags of the drone's file.
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
         }
         remarks.extend(airframe_remark(args, &scenario, &nodes));
@@ -85,7 +83,7 @@ impl Scene {
             ..ViewConfig::default()
         }
     }
-    /// Sets the world by the configurations: deck, keep-out volumes, airframe, sensor positions.
+    /// Sets the world according to the configurations: deck, keep-out volumes, airframe, sensor positions.
     pub fn describe(&mut self) {
         let (world, nodes) = (&mut self.scenario, &self.nodes);
         world.describe(
@@ -130,7 +128,7 @@ fn set_sea(args: &SceneArgs, scenario: &mut Scenario) -> String {
     "moderate".into()
 }
 
-/// Sets hull, planner, autopilot and course of the flags, and draws the differences from the nodes' assumptions.
+/// Applies the flags for hull, planner, autopilot and course, and draws the differences from the nodes' assumptions.
 fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfigs) -> Result<(), CliError> {
     if let Some(hull) = &args.hull {
         let installed = scenario.install_hull(nodes, hull);
@@ -156,7 +154,7 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
             )));
         }
         scenario.vessel.speed_mps = speed;
-        // The default hull's engines make 2.2 m/s.
+        // The default hull's engines reach 2.2 m/s.
         if args.hull.is_none() {
             scenario.vessel.power();
         }
@@ -227,7 +225,6 @@ fn set_deck_motion(
     Ok(false)
 }
 
-/// Flag as a shell reads it.
 pub fn written(name: &str, value: &str) -> String {
     match value {
         "" => format!("--{name}"),
@@ -235,7 +232,7 @@ pub fn written(name: &str, value: &str) -> String {
     }
 }
 
-/// Argument as a shell reads it.
+/// Argument quoted for a shell.
 pub fn quoted(argument: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+%@".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {
@@ -245,7 +242,7 @@ pub fn quoted(argument: &str) -> String {
     }
 }
 
-/// Nodes by the files of the computers and of the tuning, and whether the drone's crew uses knots.
+/// Nodes configured by the files of the computers and of the tuning, and whether the drone's crew uses knots.
 fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfigs, bool), CliError> {
     let tuning = args.tuning.as_deref().map(Tuning::load).transpose()?;
     let tuning = tuning.unwrap_or_default();
@@ -272,7 +269,8 @@ fn configured(args: &SceneArgs, remarks: &mut Vec<String>) -> Result<(NodeConfig
     Ok((nodes, drone.view.knots))
 }
 
-/// Configuration of a computer, with defaults if there is no file. For a hull's file the error names the right flag.
+/// Configuration of a computer, with defaults if there is no file. If the file is a hull's, the error names the right
+/// flag.
 fn computer<T: DeserializeOwned + Check + Default>(file: Option<&Path>) -> Result<T, CliError> {
     let Some(path) = file else {
         return Ok(T::default());

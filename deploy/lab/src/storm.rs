@@ -1,5 +1,5 @@
-//! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the
-//! shortest list of faults that breaks one.
+//! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the shortest
+//! list of faults that breaks a rule.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -62,7 +62,7 @@ pub struct StormArgs {
 struct Broken {
     seed: u64,
     violation: Violation,
-    /// List as drawn, and the shortest that still breaks the rule.
+    /// List as drawn, and the shortest list that still breaks the rule.
     storm: Storm,
     shrunk: Storm,
 }
@@ -87,13 +87,13 @@ struct Summary {
     waits: usize,
     crashed: usize,
     violations: BTreeMap<StormRule, usize>,
-    /// Number of faults that began; for kinds, and for pairs of kind and state, the number that began and the total.
+    /// Number of faults that began; for kinds, and for pairs of kind and state, the number that began and the total
+    /// number.
     faults_begun: usize,
     kinds_begun: usize,
     kinds: usize,
     pairs_begun: usize,
-    /// Sums over flights: kinds that began and kinds that can begin, and likewise states in which faults
-    /// began.
+    /// Sums over flights: kinds that began and kinds that can begin, and likewise states in which faults began.
     kinds_in_flights_begun: usize,
     kinds_in_flights: usize,
     states_in_flights_begun: usize,
@@ -103,7 +103,7 @@ struct Summary {
 }
 
 pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
-    // The first call installs the handler: a signal from here on ends with the storms flown so far.
+    // The first call installs the handler, so that from here on a signal ends the study with the storms flown so far.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -126,7 +126,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
             .map_or(args.trials.saturating_sub(flown_count(&all)), |_| u32::MAX);
         let batch = seeds(next, left.min(BATCH * workers))?;
         next = next.saturating_add(batch.len() as u64);
-        // Pairs of kind and state that rarely began are flown next.
+        // The pairs of kind and state with the fewest begun faults are flown next.
         let drawn = batch
             .into_iter()
             .map(|seed| Storm::drawn(seed, args.faults.into()));
@@ -153,8 +153,8 @@ fn flown_count(all: &[StormEnd]) -> u32 {
     u32::try_from(all.len()).unwrap_or(u32::MAX)
 }
 
-/// Coverage: number of begins and of aimed storms for each kind and state; kinds and states, by type of
-/// flight, in which faults began.
+/// Coverage: for each kind and state, the number of faults that began and of storms aimed at it; for each type of
+/// flight, the kinds and states in which faults began.
 #[derive(Default)]
 struct Coverage {
     begun: BTreeMap<Pair, usize>,
@@ -186,7 +186,6 @@ impl Coverage {
     }
 }
 
-/// Flies one storm and shrinks it if it broke a rule.
 fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     let seed = storm.seed;
     let silent = &mut |_: f64, _: &str| {};
@@ -218,7 +217,7 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     })
 }
 
-/// Reads a list that real processes can fly, which has to be of a landing.
+/// Reads a list that real processes can fly, which must be of a landing.
 pub fn read_list(path: &Path) -> Result<Storm, CliError> {
     let storm = read(path)?;
     if storm.flight == FlightKind::Landing {
@@ -248,8 +247,7 @@ fn read(path: &Path) -> Result<Storm, CliError> {
     })
 }
 
-/// Missing key of the whole list, from the parser's error, which points to the first line because the key has
-/// no entry.
+/// Missing top-level key, from the parser's error, which points to the first line because the key has no entry.
 fn missing(error: &str) -> Option<&str> {
     let key = error.split_once("missing field `")?.1.split('`').next()?;
     let whole = Storm::drawn(1, 0).text();
@@ -278,7 +276,7 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
     Ok(Exit::of(flown.ending != StormEnding::Violated))
 }
 
-/// Prints a violation with its list in one piece, because several threads print.
+/// Prints a violation and its list in one call, because several threads print.
 fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
     let (seed, text) = (broken.seed, broken.shrunk.text());
     let list = match &args.save {
@@ -376,7 +374,7 @@ mod tests {
         let mut coverage = Coverage::default();
         let storm = Storm::drawn(1, 2);
         assert_eq!(coverage.aim(storm.clone()), storm);
-        // The others never began, like those of a state that is not reached.
+        // The other faults never began, like those of a state that is not reached.
         let first = pairs(storm.flight).next().unwrap();
         coverage.begun.insert(first, 1);
         let all = pairs(storm.flight).count();

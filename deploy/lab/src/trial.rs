@@ -9,7 +9,7 @@ use crate::args::TrialArgs;
 use crate::scene::{Scene, stopwatch};
 use crate::{chart, outcome_table, record};
 
-/// Flies one landing, shows its phases, ends with a table.
+/// Flies one landing, shows its phases, and ends with a table.
 pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
     let scene = args.scene()?;
     if let Some(path) = &args.plot {
@@ -72,7 +72,6 @@ fn flown(
     record::fly(args.record.as_deref(), &subject, watch, observer.as_deref_mut())
 }
 
-/// Viewer of the landing, if requested.
 fn observer(
     args: &TrialArgs,
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! `alight trial --trials N`: many landings, spread over the cores.
+//! `alight trial --trials N`: many landings, distributed over the cores.
 
 use std::path::Path;
 
@@ -22,8 +22,8 @@ use super::args::TrialArgs;
 use super::outcome_table;
 use super::scene::stopwatch;
 
-/// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless
-/// standard error is a terminal. Results are in the order of the items, of some of them if the end is requested.
+/// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless standard
+/// error is a terminal. Results are in the order of the items, and incomplete if the end is requested.
 pub fn in_parallel<T: Sync, R: Send>(
     jobs: Option<u16>,
     what: &str,
@@ -50,7 +50,6 @@ pub fn in_parallel<T: Sync, R: Send>(
 /// Durations of the planner's steps with a plan, by this computer's clock.
 #[derive(Default)]
 struct SolveTimes {
-    /// End of the step before.
     since_ns: i64,
     took_ms: Vec<f64>,
 }
@@ -65,7 +64,7 @@ impl WorldObserver for SolveTimes {
     }
 }
 
-/// Flies one landing without a viewer, with the elapsed time; `timed`: with the planner's, too.
+/// Flies one landing without a viewer, measuring the elapsed time and, if `timed`, the planner's solve times.
 pub fn fly_seed(
     (scenario, nodes): (&Scenario, &NodeConfigs),
     seed: u64,
@@ -97,7 +96,8 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let scene = args.scene()?;
-    // The first call installs the handler: a signal from here on ends the study with the landings flown so far.
+    // The first call installs the handler, so that from here on a signal ends the study with the landings flown so
+    // far.
     if end_requested() {
         return Ok(Exit::Failed);
     }
@@ -110,7 +110,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let motion_start = |seed: u64| {
         let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
         let start = motion.start_s + stride * (seed - args.seed) as f64;
-        // Beyond its end the recording starts over.
+        // At its end the recording starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
     };
     let outcomes = in_parallel(args.jobs, "landings", &seeds, |seed| {

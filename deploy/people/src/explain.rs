@@ -95,7 +95,7 @@ fn texts(code: ReasonCode) -> Vec<String> {
     all
 }
 
-/// Replaces each number outside names, and each placeholder in braces, by `…`.
+/// Replaces each number that is not part of a name, and each placeholder in braces, by `…`.
 fn pattern(text: &str) -> String {
     let number = |part: &str| {
         part.split_once('}')
@@ -121,13 +121,12 @@ fn tokens(text: &str) -> BTreeSet<String> {
     let all = text.split(|c: char| !c.is_alphabetic());
     all.map(str::to_lowercase).collect()
 }
-/// Terms longer than articles and prepositions.
 fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// Message with the code `query`, or the messages that have most terms in common with it, shortest first. A line of the
-/// page may hold a whole message among others.
+/// Message with the code `query`, or the messages that share the most terms with it, shortest first. A line of the
+/// page may contain a whole message among other text.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
     let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
     let by_code: Vec<&Explained> = by_code.collect();

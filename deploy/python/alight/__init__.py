@@ -8,11 +8,11 @@
 
 `python -m alight.convert FILE` converts recordings of other programs to the CSV that `alight estimate` reads.
 
-Everything is computed by the program; this package calls it and reads what it writes. The program is the one that the
-environment variable ALIGHT names, else the one beside this Python's scripts, else the one on PATH.
+The program computes everything; this package calls it and reads its output. The program is the one that the environment
+variable ALIGHT names, otherwise the one next to this Python's scripts, otherwise the one on PATH.
 
-Units are SI and stand in the names (`_m`, `_mps`, `_deg`, `_s`). Axes: NED is north, east, down; a body's or deck's
-axes are forward, starboard, down.
+Units are SI and part of the names (`_m`, `_mps`, `_deg`, `_s`). Axes: NED is north, east, down; the axes of a body or deck are
+forward, starboard, down.
 """
 
 from . import convert, plots

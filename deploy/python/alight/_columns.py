@@ -1,4 +1,4 @@
-"""Messages of a topic to arrays, a column for each field."""
+"""Converts the messages of a topic to arrays, one column per field."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Dict, Iterator, List, Tuple
 from ._lazy import numpy as np
 
 NAN = math.nan
-# Names of fields whose schema says no unit, with their unit. Quaternions turn the body's axes into the frame's.
+# Column names of fields whose schema does not state the unit. Quaternions rotate body axes into the frame.
 NAMES = {
     "pose.position": "position_m",
     "pose.orientation": "quaternion_wxyz",
@@ -17,44 +17,44 @@ NAMES = {
     "linear_velocity": "body_velocity_mps",
     "angular_velocity": "body_rate_radps",
 }
-# The message's own time is that of the file, to the nanosecond.
+# The message's own time equals the file's log time, to the nanosecond.
 LEFT_OUT = {"timestamp"}
 
 
 class Columns:
-    """Columns of one topic, message by message."""
+    """Columns of one topic, filled message by message."""
 
     def __init__(self):
         self.times: List[float] = []
         self.values: Dict[str, List[Any]] = {}
 
     def add(self, time_ns: int, message) -> None:
-        """A message at its time in the file, ns."""
+        """Adds a message with its log time, ns."""
         self.times.append(time_ns / 1e9)
         for name, value in fields(message):
             self.values.setdefault(name, []).append(value)
 
     def arrays(self) -> Dict[str, Any]:
-        """`time_s` and every column."""
+        """Returns `time_s` and every column."""
         columns = {name: _array(values) for name, values in self.values.items()}
         return {"time_s": np.array(self.times, dtype=float), **columns}
 
 
 def parts(topic: str, message) -> Iterator[Tuple[str, Any]]:
-    """Series of a message: itself, or of transforms one for each frame."""
+    """Series of a message: the message itself, or one series per frame for transforms."""
     if topic != "/tf":
         return iter([(topic, message)])
     return ((f"/tf/{transform.child_frame_id}", transform) for transform in message.transforms)
 
 
 def _is_repeated(field) -> bool:
-    # protobuf 7 has no `label`, those before 6.31 no `is_repeated`.
+    # protobuf 7 has no `label`, versions before 6.31 no `is_repeated`.
     repeated = getattr(field, "is_repeated", None)
     return field.label == field.LABEL_REPEATED if repeated is None else repeated
 
 
 def fields(message, prefix: str = "") -> Iterator[Tuple[str, Any]]:
-    """Name and value of each field. One without a value is NaN, or an empty text."""
+    """Name and value of each field. A field without a value is NaN, or an empty text."""
     for field in message.DESCRIPTOR.fields:
         if field.name in LEFT_OUT:
             continue
@@ -89,7 +89,7 @@ def _quaternion(q) -> Tuple[float, float, float, float]:
 
 
 def _array(values: List[Any]):
-    """An array; lists of unlike lengths are filled up with NaN."""
+    """Returns an array; lists of unequal length are padded with NaN."""
     first = next((v for v in values if not isinstance(v, (tuple, list)) or len(v)), None)
     if not isinstance(first, (tuple, list)):
         return np.array(values) if first is not None else np.empty((len(values), 0))

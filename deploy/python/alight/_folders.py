@@ -1,4 +1,4 @@
-"""Many landings: rates, studies, envelopes."""
+"""Results of many landings: rates, studies, envelopes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ._lazy import pandas
 from ._program import AlightError
 
 DAY_S = 86_400.0
-# Columns of rows.csv whose values are texts, whatever they look like.
+# Columns of rows.csv that always contain text.
 TEXTS = {"outcome", "reason", "sea", "planner", "digest"}
 
 
@@ -22,9 +22,9 @@ TEXTS = {"outcome", "reason", "sea", "planner", "digest"}
 class Trials:
     """Many landings of one scene.
 
-    rows      an outcome a landing, as `Run.outcome` has it, by seed: a pandas DataFrame, without pandas a list of dicts
+    rows      one outcome per landing, as in `Run.outcome`, by seed: a pandas DataFrame, or without pandas a list of dicts
     summary   the JSON of `alight trial --trials N --json`
-    rate      part of the landings that succeeded, 0 to 1
+    rate      fraction of the landings that succeeded, 0 to 1
     interval  Wilson's 95 % interval of the rate
     """
 
@@ -36,12 +36,12 @@ class Trials:
 
 @dataclasses.dataclass
 class Study:
-    """A study.
+    """Results of a study.
 
-    rows     an outcome a landing (`rows.csv`): a pandas DataFrame, without pandas a list of dicts; `sea` is the name
-             of the study's row, `planner` who flew it
+    rows     one outcome per landing (`rows.csv`): a pandas DataFrame, or without pandas a list of dicts; `sea` is the name
+             of the study's row, `planner` the planner that flew it
     summary  `summary.json`: for each row and planner, in the study's order, `scenario`, `planner`, `trials`,
-             `successes`, `success_rate_95`, and mean, sd, p95, max of each metric; `published` where the row has a
+             `successes`, `success_rate_95`, and mean, sd, p95, max of each metric; `published` if the row has a
              published counterpart
     """
 
@@ -51,24 +51,24 @@ class Study:
 
     @staticmethod
     def read(directory: str) -> "Study":
-        """From the study's --out."""
+        """Reads a study's --out directory."""
         rows = os.path.join(directory, "rows.csv")
         return Study(os.path.basename(os.path.normpath(directory)), _rows(rows), _json(directory, "summary.json"))
 
 
-# Names in the envelopes of former releases.
+# Names in envelopes of earlier releases.
 _FORMER = {"refused": "rejected", "refused_interval": "rejected_interval"}
 
 
 @dataclasses.dataclass
 class Envelope:
-    """In which relative wind and sea a drone lands on a boat.
+    """Relative winds and seas in which a drone lands on a boat.
 
-    cells    for each sea state, wind (`wind_mps`, relative, 10 m above the water) and direction that it comes from
+    cells    for each sea state, wind (`wind_mps`, relative, 10 m above the water) and direction from which it blows
              (`from_deg`, from the bow, clockwise): `trials`, `landed`, `rejected`, `unsafe`, their 95 % intervals, and
              `class`: landed, rejected or unsafe
-    rate     landing rate that the limit asks for, 0 to 1
-    too_few  why there is no limit, where too few were flown for one; else None
+    rate     landing rate required up to the limit, 0 to 1
+    too_few  reason why there is no limit, if too few trials were flown; otherwise None
     grid     `sea_states`, `winds_mps`, `directions`, `trials`, `seed0`
     """
 
@@ -80,19 +80,19 @@ class Envelope:
 
     @staticmethod
     def read(directory: str) -> "Envelope":
-        """From the envelope's --out."""
+        """Reads an envelope's --out directory."""
         return Envelope.of(_json(directory, "envelope.json"))
 
     @staticmethod
     def of(value: Dict[str, Any]) -> "Envelope":
-        """From the JSON of `alight study envelope --json`."""
+        """Parses the JSON of `alight study envelope --json`."""
         cells = [{_FORMER.get(key, key): c[key] for key in c} for c in value["cells"]]
         cells = [{**c, "class": _FORMER.get(c["class"], c["class"])} for c in cells]
         return Envelope(value["hull"], cells, value["rate"], value.get("too_few"), value["grid"])
 
     def limit(self, sea_state: int, from_deg: float) -> Optional[float]:
-        """The fastest wind (m/s) up to which, from this direction in this sea state, the lower end of every cell's
-        95 % interval of the landing rate reaches `rate` and no landing was unsafe; None: not even the lightest."""
+        """Returns the fastest wind (m/s) up to which, from this direction in this sea state, the lower end of every cell's 95 %
+        interval of the landing rate reaches `rate` and no landing was unsafe; None if not even the lightest wind qualifies."""
         along = [c for c in self.cells if c["sea_state"] == sea_state and c["from_deg"] == from_deg]
         fastest = None
         for cell in sorted(along, key=lambda c: c["wind_mps"]):
@@ -103,11 +103,11 @@ class Envelope:
 
 
 def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials:
-    """Flies `n` landings of seeds that follow each other: `alight trial --trials N`.
+    """Flies `n` landings with consecutive seeds: `alight trial --trials N`.
 
     Flags are those of `alight trial --help`, as in `alight.trial`: `trials(100, sea="moderate", seed0=10000)`.
-    `rows=FILE.csv` keeps the rows there, too, after those that are in it. `timeout_s` (s) is ten
-    minutes and one more for each landing, unless given.
+    `rows=FILE.csv` also appends the rows to that file. The default of `timeout_s` (s) is ten minutes plus one minute per
+    landing.
     """
     kept = flags.pop("rows", None)
     timeout_s = 60.0 * n + 600.0 if timeout_s is None else timeout_s
@@ -122,12 +122,12 @@ def trials(n: int, *, timeout_s: Optional[float] = None, **flags: Any) -> Trials
 
 
 def study(name, *directories: str, timeout_s: float = DAY_S, **flags: Any) -> Study:
-    """Measures one thing over many seeds: `alight study NAME`, or a study of your own from `FILE.toml`.
+    """Measures one quantity over many seeds: `alight study NAME`, or your own study from `FILE.toml`.
 
     Flags are those of `alight study --help`: `study("table2", trials=20, planners=["alight", "mpc-faa"])`. With
-    `out="table2"` everything stays there, and a study that was cut off goes on where it stopped; without it nothing
-    stays. `directories` are those that `study("merge", ...)` joins. `timeout_s` is the longest time, s, a day unless
-    given.
+    `out="table2"` all files are kept there, and an interrupted study continues where it stopped; without `out` no file is
+    kept. `directories` are those that `study("merge", ...)` joins. `timeout_s` is the maximum duration, s, by default a
+    day.
     """
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         out = os.fspath(flags.pop("out", None) or os.path.join(directory, "study"))
@@ -138,11 +138,11 @@ def study(name, *directories: str, timeout_s: float = DAY_S, **flags: Any) -> St
 
 
 def envelope(*, timeout_s: float = DAY_S, **flags: Any) -> Envelope:
-    """In which relative wind and sea a drone lands on a boat: `alight study envelope`.
+    """Determines the relative winds and seas in which a drone lands on a boat: `alight study envelope`.
 
     Flags are those of `alight study envelope --help`: `envelope(quick=True, hull="mono-5m", winds=[4, 8])`. With `out="DIR"`
-    page and rows stay there, and a run that was cut off goes on where it stopped. `timeout_s` is the longest time, s, a
-    day unless given.
+    page and rows are kept there, and an interrupted run continues where it stopped. `timeout_s` is the maximum duration, s,
+    by default a day.
     """
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         out = os.fspath(flags.pop("out", None) or os.path.join(directory, "envelope"))
@@ -164,17 +164,17 @@ def _unread(path: str, error: Exception) -> AlightError:
 
 
 def _rows(path: str):
-    """Rows of a CSV file: a DataFrame, without pandas dicts with the same values."""
+    """Returns the rows of a CSV file as a DataFrame, or without pandas as dicts with the same values."""
     try:
         with open(path, newline="", encoding="utf-8") as file:
-            # Not read by pandas, which would take a digest of digits for a number.
+            # pandas would parse a digest that consists of digits as a number.
             rows = [{key: _value(key, text) for key, text in row.items()} for row in csv.DictReader(file)]
     except (OSError, ValueError) as error:
         raise _unread(path, error) from None
     if not pandas.is_there():
         return rows
     frame = pandas.DataFrame(rows)
-    # A metric that no landing has is a column of numbers all the same.
+    # A metric without a value in any landing is still a numeric column.
     nothing = [name for name in frame if name not in TEXTS and frame[name].isna().all()]
     return frame.astype({name: float for name in nothing})
 
@@ -195,7 +195,7 @@ def _value(name: Optional[str], text: Optional[str]):
 
 
 def _by_seed(rows):
-    # The program writes them as they are ready, and threads end in any order.
+    # The program writes rows as they are ready, and threads end in any order.
     if isinstance(rows, list):
         return sorted(rows, key=lambda row: row["seed"])
     return rows.sort_values("seed", ignore_index=True)

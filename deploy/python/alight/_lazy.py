@@ -1,4 +1,4 @@
-"""Modules that are imported when they are used, so that what needs none of them works without."""
+"""Modules that are imported at their first use, so that functions that do not need them work without them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EXTRA = ("pymavlink", "pyulog", "rosbags", "xarray", "netCDF4")
 
 
 class Lazy:
-    """A module that is imported at its first use, with what to install where it is not there."""
+    """Module that is imported at its first use; the error for a missing module names the package to install."""
 
     def __init__(self, name: str):
         self._name = name
@@ -44,7 +44,7 @@ class Lazy:
             raise ImportError(message, name=package) from None
 
     def is_there(self) -> bool:
-        """Whether it can be imported."""
+        """Returns whether the module can be imported."""
         try:
             self._module()
         except ImportError:

@@ -1,4 +1,4 @@
-"""Messages of a landing while it flies: a client of the server that `alight view --foxglove` is."""
+"""Messages of a landing in progress: a client of the server that `alight view --foxglove` starts."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from ._reading import FOR_VIEWERS
 # Instance of `alight land` without --instance.
 SIMULATED = "sim"
 PORT = 8765
-# Every mission publishes its state ten times a second: after a silence the program is asked whether it runs.
+# Every mission publishes its state at 10 Hz; after a silence the client asks the program whether it runs.
 ALIVE = "/mission"
 SILENCE_S = 2.0
 STATUS_S = 60.0
-# Longest frame of the server, bytes.
+# Maximum length of a frame from the server, bytes.
 MAX_FRAME = 16 << 20
 TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
 MESSAGE_DATA = struct.Struct("<BIQ")
 
 
 class Message(NamedTuple):
-    """One message.
+    """Message of a topic.
 
-    topic   as in `Run.series`
-    time_s  its time, s since 1970
-    values  its fields, named as in `Run.series`; NaN: unknown
+    topic   name as in `Run.series`
+    time_s  time of the message, s since 1970
+    values  fields, named as in `Run.series`; NaN: unknown
     """
 
     topic: str
@@ -47,16 +47,16 @@ class Message(NamedTuple):
 
 
 def live(where: str = "land", *, topics: Optional[Iterable[str]] = None, timeout_s: float = 30.0) -> Iterator[Message]:
-    """Messages of a drone's computer as they come, until its processes end.
+    """Yields messages of a drone's computer as they arrive, until its processes end.
 
     `where` is "land" for the landing that `alight land` flies on this computer, the name of another instance
-    (`alight land --instance NAME`; an installed drone's is in its configuration), or the address of a running
-    server, such as "ws://192.168.7.2:8765" (`alight view --foxglove`, `view.foxglove`). For an instance the program is
-    asked whether it runs (`alight status --json`), and `alight view` serves it to this iterator alone.
+    (`alight land --instance NAME`; an installed drone's name is in its configuration), or the address of a running
+    server, such as "ws://192.168.7.2:8765" (`alight view --foxglove`, `view.foxglove`). `alight status --json` shows whether
+    an instance runs, and `alight view` serves it to this iterator alone.
 
-    `topics` are those of a recording, all unless given; the truth and the vessel's sensors are in recordings only.
-    States come at 10 Hz, positions and set-points at 25 Hz, sensors' data as measured. `timeout_s` is the longest time (s)
-    that the processes may take to start, and that a server may be silent.
+    `topics` are those of a recording, by default all; the truth and the vessel's sensors are in recordings only. States
+    arrive at 10 Hz, positions and set-points at 25 Hz, sensor data as measured. `timeout_s` is the maximum time (s) for the
+    processes to start, and the maximum silence of a server.
     """
     wanted = None if topics is None else {topics} if isinstance(topics, str) else set(topics)
     address, instance = where, None
@@ -71,18 +71,18 @@ def live(where: str = "land", *, topics: Optional[Iterable[str]] = None, timeout
     except (AlightError, ImportError):
         raise
     except Exception as error:
-        # Damaged content fails in whatever part meets it: socket, JSON, base64, protobuf.
+        # Damaged content fails in any of the layers: socket, JSON, base64, protobuf.
         raise AlightError(f"reading {address}: {str(error) or type(error).__name__}") from error
 
 
 def _runs(instance: str) -> bool:
-    # Exit code 2 is a finding, which a landing may well have.
+    # Exit code 2 reports a finding, which is possible during a landing.
     return _program.run(["status"], {"instance": instance}, STATUS_S, codes=(0, 1, 2)).value["running"]
 
 
 @contextlib.contextmanager
 def _server(instance: str, timeout_s: float) -> Iterator[str]:
-    """Address of a server for this process alone, which ends with it, once the instance runs."""
+    """Waits until the instance runs, then yields the address of a server for this process alone, which ends with the context."""
     until = time.monotonic() + timeout_s
     while not _runs(instance):
         if time.monotonic() > until:
@@ -108,7 +108,7 @@ def _server(instance: str, timeout_s: float) -> Iterator[str]:
 
 
 class _Client:
-    """A WebSocket (RFC 6455) with Foxglove's protocol, as far as a reader needs both."""
+    """WebSocket client (RFC 6455) with the part of Foxglove's protocol that a reader needs."""
 
     def __init__(self, stream: socket.socket, host: str):
         self.stream, self.buffer = stream, bytearray()
@@ -125,7 +125,7 @@ class _Client:
         stream.settimeout(SILENCE_S)
 
     def frame(self) -> Tuple[int, bytes]:
-        """Kind and content of the next frame; `socket.timeout` after a silence, which loses nothing."""
+        """Returns opcode and content of the next frame; raises `socket.timeout` after a silence, without losing data."""
         begin, size = 2, self._has(2)[1]
         if size > 125:
             begin = 4 if size == 126 else 10
@@ -138,7 +138,7 @@ class _Client:
         return kind, content
 
     def send(self, kind: int, content: bytes) -> None:
-        # A mask of zeros leaves the content as it is.
+        # A mask of zeros leaves the content unchanged.
         self.stream.sendall(struct.pack(">BBQ4x", 0x80 | kind, 0xFF, len(content)) + content)
 
     def _has(self, size: int) -> bytearray:
@@ -178,7 +178,7 @@ def _messages(client: _Client, wanted, instance: Optional[str], timeout_s: float
 
 
 def _decoders(channels, wanted) -> Dict[int, Tuple[str, Any, bool]]:
-    """Topic, decoder and whether it is wanted of each channel that is read, by its number."""
+    """Returns topic, decoder and whether it is wanted for each channel to read, by channel number."""
     there = {channel["topic"]: channel for channel in channels if channel["encoding"] == "protobuf"}
     if unknown := sorted((wanted or set()) - there.keys()):
         raise AlightError(f"no {', '.join(unknown)} in live data; there are: {', '.join(sorted(there))}")

@@ -1,4 +1,4 @@
-"""The program: where it is, how its flags are written, what it answers."""
+"""The program: its location, its command line, its output."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import sysconfig
 import tempfile
 from typing import Any, List, Optional, Sequence
 
-# What is kept of the program's messages when it fails, bytes from the end.
+# Maximum number of bytes kept of the program's messages when it fails, from the end.
 MAX_MESSAGE = 16_384
-# Longest answer that is read, bytes; the JSON of a study of 10 000 rows has 20 MB.
+# Maximum size of the output that is read, bytes; the JSON of a study of 10 000 rows has 20 MB.
 MAX_ANSWER = 256 << 20
 
 
 class AlightError(Exception):
-    """What the program, or this package, could not do, in its own words.
+    """Error of the program or of this package, with its message.
 
     `code` is the program's exit code: 1 a failed landing, 2 bad input, 3 a computer that was too slow, below 0 the
-    signal that ended it; None where no program ended (not found, out of time, a file that cannot be read).
+    signal that ended it; None if no program ended (not found, timed out, a file that cannot be read).
     """
 
     def __init__(self, message: str, code: Optional[int] = None):
@@ -31,14 +31,14 @@ class AlightError(Exception):
 
 
 def program() -> str:
-    """Path of the program `alight`.
+    """Returns the path of the program `alight`.
 
-    The environment variable ALIGHT names it; else it is looked for beside the running Python's scripts, where the wheel
-    puts it, then on PATH.
+    The environment variable ALIGHT names it; otherwise it is searched for next to the running Python's scripts, where the
+    wheel installs it, and then on PATH.
     """
     named = os.environ.get("ALIGHT")
     if named:
-        # A name without a directory is looked for on PATH, as a shell does it.
+        # As in a shell, a name without a directory is searched for on PATH.
         found = shutil.which(named)
         if found:
             return os.path.abspath(found)
@@ -60,7 +60,7 @@ def program() -> str:
 
 
 def _scripts() -> List[str]:
-    """Directories where an installation of this Python puts programs."""
+    """Directories in which an installation of this Python places programs."""
     found = [sysconfig.get_path("scripts"), os.path.dirname(sys.executable)]
     # `pip install --user`.
     user = "nt_user" if os.name == "nt" else "posix_user"
@@ -70,8 +70,8 @@ def _scripts() -> List[str]:
 
 
 def arguments(flags: dict) -> List[str]:
-    """Flags of the command line: `motion_scale=2` is `--motion-scale=2`, True a bare flag, a list `--winds=4,6`; what
-    is None or False is left out."""
+    """Flags of the command line: `motion_scale=2` becomes `--motion-scale=2`, True a bare flag, a list `--winds=4,6`; None and
+    False are omitted."""
     written = []
     for name, value in flags.items():
         flag = "--" + name.replace("_", "-")
@@ -80,7 +80,7 @@ def arguments(flags: dict) -> List[str]:
         if value is True:
             written.append(flag)
         elif isinstance(value, str) or not hasattr(value, "__iter__"):
-            # With `=` a value that begins with a hyphen is no flag.
+            # With `=` a value that begins with a hyphen is not parsed as a flag.
             written.append(f"{flag}={value}")
         else:
             written.append(f"{flag}={','.join(str(part) for part in value)}")
@@ -89,7 +89,7 @@ def arguments(flags: dict) -> List[str]:
 
 @dataclasses.dataclass
 class Answer:
-    """What a command answered: exit code, the JSON of its last line, the end of its messages."""
+    """Result of a command: exit code, the JSON of its last line, the end of its messages."""
 
     code: int
     value: Any
@@ -99,11 +99,11 @@ class Answer:
 def run(words: Sequence[Any], flags: dict, timeout_s: float, codes: Sequence[int] = (0, 1)) -> Answer:
     """Runs `alight WORDS FLAGS --json` for at most `timeout_s`.
 
-    Exit code 1 with an answer is an answer: a landing that failed has an outcome, too. So are other `codes`.
+    A result with exit code 1 is returned, because a failed landing also has an outcome; `codes` lists the accepted codes.
     """
     command = [program(), *(str(word) for word in words), *arguments(flags), "--json"]
     shown = " ".join(["alight", *command[1:]])
-    # Files, not pipes: what a long study prints is not kept in memory.
+    # Files instead of pipes, so that the output of a long study is not kept in memory.
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         try:
             done = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=out, stderr=err, timeout=timeout_s)

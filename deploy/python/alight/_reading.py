@@ -1,4 +1,4 @@
-"""One landing flown, and recordings read."""
+"""Flies one landing, and reads recordings."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ._lazy import mcap_decoder, mcap_reader
 from ._program import AlightError
 from ._run import Run
 
-# Shapes and points are for viewers; they are read when they are asked for by name.
+# Shapes and points are for viewers, and are read only if requested by name.
 FOR_VIEWERS = ("/scene", "/points/")
-# Longest flight.json, bytes: the program writes at most as much.
+# Maximum size of flight.json, bytes: the program writes no larger file.
 MAX_SUMMARY = 1 << 20
 
 
@@ -25,9 +25,9 @@ def trial(*, topics: Optional[Iterable[str]] = None, timeout_s: float = 600.0, *
     """Flies one landing in the simulated world: `alight trial`.
 
     Flags are those of `alight trial --help` with `_` for `-`: `trial(seed=1, sea="rough", wind=5, keep_mean=True)`.
-    A landing that fails is a result (`outcome["success"]`); what the program refuses is an AlightError in its words.
-    `record="landing.mcap"` keeps the recording, 9 MB; without it there is none afterwards. `topics` are the topics that
-    are read (all but what only viewers draw), `timeout_s` the longest time that it may compute, s.
+    A failed landing is a result (`outcome["success"]`); input that the program rejects raises an AlightError with its message.
+    `record="landing.mcap"` keeps the recording, 9 MB; otherwise it is removed. `topics` are the topics to read (by default all
+    except those that only viewers draw), `timeout_s` is the maximum computing time, s.
     """
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         kept = flags.pop("record", None)
@@ -48,15 +48,15 @@ def read(
     max_messages: int = 2_000_000,
     timeout_s: float = 600.0,
 ):
-    """Reads what the program wrote.
+    """Reads files that the program wrote.
 
-    A recording (`.mcap`) or a directory of the flight recorder gives a `Run`; the directory of a study
-    (`summary.json`) a `Study`, of an envelope (`envelope.json`) an `Envelope`. A flight is computed again by the program
-    (`alight replay --record`), since its files hold the inputs of the processes, not what they made of them; a flight
-    of a vehicle has no `/truth` and no places of the bodies in `/tf`.
+    A recording (`.mcap`) or a directory of the flight recorder returns a `Run`; the directory of a study
+    (`summary.json`) a `Study`, that of an envelope (`envelope.json`) an `Envelope`. The program replays a flight
+    (`alight replay --record`), because its files contain the inputs of the processes, not their outputs; a flight of a real
+    vehicle has no `/truth` and no positions of the bodies in `/tf`.
 
-    `topics`, `start_s` and `end_s` (in the unit of `time_s`) read a part; more than `max_messages` are refused, so that
-    an hour's flight does not fill the memory unasked. `timeout_s` is the longest time for `replay`, s.
+    `topics`, `start_s` and `end_s` (in the unit of `time_s`) select a part; more than `max_messages` are rejected, so that an
+    hour's flight does not fill the memory by accident. `timeout_s` is the maximum duration of `replay`, s.
     """
     path = os.fspath(path)
     part = {"topics": topics, "start_s": start_s, "end_s": end_s, "max_messages": max_messages}
@@ -71,7 +71,7 @@ def read(
         )
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:
         joined = os.path.join(directory, "flight.mcap")
-        # Exit code 1, an output that differs, is said and not an error: what was recorded is there.
+        # Exit code 1 means that an output differs. It is reported, not raised, because the recorded data are complete.
         answer = _program.run(["replay", path], {"record": joined}, timeout_s)
         run = read_recording(joined, **part)
     run.path = path
@@ -83,7 +83,7 @@ def read(
 
 
 def _summary(directory: str) -> Optional[Dict[str, Any]]:
-    """`flight.json`, which a service or `alight land --log` writes; None where it is missing."""
+    """Reads `flight.json`, which a service or `alight land --log` writes; None if it is missing."""
     try:
         with open(os.path.join(directory, "flight.json"), encoding="utf-8") as file:
             return json.loads(file.read(MAX_SUMMARY))
@@ -101,7 +101,7 @@ def read_recording(
     end_s: Optional[float] = None,
     max_messages: int = 2_000_000,
 ) -> Run:
-    """The topics of one MCAP file that have a schema; `/node/*` are the program's own and left out."""
+    """Reads the topics of an MCAP file that have a schema; `/node/*` are the program's own topics and are omitted."""
     try:
         with open(path, "rb") as file:
             reader = mcap_reader.make_reader(file, decoder_factories=[mcap_decoder.DecoderFactory()])
@@ -111,7 +111,7 @@ def read_recording(
     except OSError as error:
         raise AlightError(f"reading {path}: {error.strerror or error}") from None
     except Exception as error:
-        # A damaged file fails in whatever part of the reader meets it: framing, compression, protobuf, text.
+        # A damaged file fails in any layer of the reader: framing, compression, protobuf, text.
         raise AlightError(
             f"reading {path}: {str(error) or type(error).__name__}; is it a whole recording (.mcap)? One that a kill cut "
             "off gets its end by alight flights --mend"
@@ -160,7 +160,7 @@ def _read(reader, path, topics, start_s, end_s, max_messages) -> Run:
 
 
 def _span(reader, start_s: Optional[float], end_s: Optional[float]) -> Dict[str, int]:
-    """From `start_s` on, before `end_s`: newer readers have other names for both and warn of the older ones."""
+    """Arguments for the span from `start_s` to before `end_s`: newer readers renamed both and warn of the old names."""
     newer = "starting_at" in inspect.signature(reader.iter_decoded_messages).parameters
     names = ("starting_at", "ending_before") if newer else ("start_time", "end_time")
     return {name: round(time_s * 1e9) for name, time_s in zip(names, (start_s, end_s)) if time_s is not None}

@@ -1,4 +1,4 @@
-"""The drone relative to the deck."""
+"""Motion of the drone relative to the deck."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ._run import Run
 
 
 def relative(run: Run) -> Dict[str, Any]:
-    """Drone and deck over the same times.
+    """Returns the motion of drone and deck at common times.
 
-    time_s             as in `run.series`
-    to_touchdown_s     time since the first contact, s; NaN where nothing landed
-    drone_m, deck_m    drone's place, deck's centre: north, east, down, N x 3
-    drone_mps, deck_mps  their velocities: north, east, down, N x 3
-    drone_deg, deck_deg  their attitudes: roll, pitch, yaw, N x 3
-    displacement_m     deck's centre to the centroid of the drone's feet in the deck's axes: forward, starboard, and
-                       height above the deck (up), N x 3; its first two are `position_error_m` at the first contact
+    time_s             time as in `run.series`
+    to_touchdown_s     time since the first contact, s; NaN without a landing
+    drone_m, deck_m    positions of the drone and of the deck's centre: north, east, down, N x 3
+    drone_mps, deck_mps  velocities: north, east, down, N x 3
+    drone_deg, deck_deg  attitudes: roll, pitch, yaw, N x 3
+    displacement_m     from the deck's centre to the centroid of the drone's feet in the deck's axes: forward, starboard,
+                       and height above the deck (up), N x 3; the first two give `position_error_m` at the first contact
     roll_deg, pitch_deg, yaw_deg   attitude of the drone in the deck's axes: drone minus deck
-    source             "truth" of a simulated landing; "belief" of a flight, whose truth nobody knows: the drone's
-                       odometry and the deck as it forecasts it for now, in the odometry's own NED
+    source             "truth" for a simulated landing; "belief" for a flight, whose truth is unknown: the drone's odometry
+                       and the deck's present pose by its forecast, in the odometry's own NED
     """
     found = _true(run.series["/truth"]) if "/truth" in run.series else _believed(run)
     touchdown = run.touchdown_s() if "/mission" in run.series else None
@@ -31,7 +31,7 @@ def relative(run: Run) -> Dict[str, Any]:
 
 
 def configured(run: Run, key: str, default: float) -> float:
-    """The number of a key in the configurations that are attached."""
+    """Returns the number of a key in the attached configurations."""
     found = re.search(rf"^{key} = ([0-9.]+)", "\n".join(run.files.values()), re.M)
     return float(found.group(1)) if found else default
 
@@ -42,7 +42,7 @@ def _true(truth: Dict[str, Any]) -> Dict[str, Any]:
 
     return {
         "time_s": truth["time_s"],
-        # Its heights are up.
+        # Heights in `/truth` are positive upwards.
         "drone_m": columns("drone_north_m", "drone_east_m", "drone_height_m") * (1.0, 1.0, -1.0),
         "deck_m": columns("deck_north_m", "deck_east_m", "deck_heave_m") * (1.0, 1.0, -1.0),
         "drone_mps": truth["drone_velocity_mps"],
@@ -68,7 +68,7 @@ def _believed(run: Run) -> Dict[str, Any]:
     time_s = times[inside]
     if len(time_s) < 2:
         raise AlightError(f"forecast and odometry of {run.path or 'this run'} have no time in common")
-    # The forecast's first pose is the deck at its own time.
+    # The forecast's first pose is the deck at the forecast's own time.
     deck_m, q_deck = forecast["position_m"][inside, 0], forecast["quaternion_wxyz"][inside, 0]
     drone_m, q_drone = _at(time_s, odometry)
     body_mps = _interpolated(time_s, odometry["time_s"], odometry["body_velocity_mps"])
@@ -78,7 +78,7 @@ def _believed(run: Run) -> Dict[str, Any]:
         "drone_m": drone_m,
         "deck_m": deck_m,
         "drone_mps": _turn(q_drone, body_mps),
-        # No forecast states a velocity: the differences of its places.
+        # A forecast has no velocities, so its positions are differentiated.
         "deck_mps": np.gradient(deck_m, time_s, axis=0),
         "drone_deg": np.column_stack(_euler_deg(q_drone)),
         "deck_deg": np.column_stack(_euler_deg(q_deck)),
@@ -102,7 +102,7 @@ def _seen_from_deck(offset, q_drone, q_deck, feet_m: float) -> Dict[str, Any]:
 
 
 def _euler_deg(q):
-    """Roll, pitch and yaw (ZYX)."""
+    """Roll, pitch and yaw (ZYX), deg."""
     w, x, y, z = q.T
     angles = (
         np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
@@ -113,9 +113,9 @@ def _euler_deg(q):
 
 
 def _at(time_s, series):
-    """Places and attitudes between those of a series."""
+    """Interpolates the positions and attitudes of a series."""
     q = series["quaternion_wxyz"].copy()
-    # q and -q are one attitude; between neighbours of unlike sign there would be none.
+    # q and -q are the same attitude; interpolation between neighbours of opposite sign would pass through zero.
     flips = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
     q[1:] *= flips[:, None]
     q = _interpolated(time_s, series["time_s"], q)
@@ -131,13 +131,13 @@ def _inverse(q):
 
 
 def _times(a, b):
-    """Product of quaternions: first b, then a."""
+    """Quaternion product: first rotation b, then a."""
     v = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
     w = a[:, :1] * b[:, :1] - np.sum(a[:, 1:] * b[:, 1:], axis=1, keepdims=True)
     return np.hstack([w, v])
 
 
 def _turn(q, v):
-    """Vectors from the body's axes to those of the frame."""
+    """Rotates vectors from body axes to the frame."""
     t = 2 * np.cross(q[:, 1:], v)
     return v + q[:, :1] * t + np.cross(q[:, 1:], t)

@@ -1,4 +1,4 @@
-"""What one landing or one recording holds."""
+"""Data of one landing or one recording."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from ._lazy import numpy as np
 from ._lazy import pandas
 from ._program import AlightError
 
-# Names of the parts of a series of several columns: NED or body axes by their first letters would be wrong in one of
-# both, so they are counted.
+# Names for the columns of a vector. They are numbered, because axis letters would be wrong for either NED or body axes.
 PART = "{name}_{part}"
-# Steps between a message's values, s: section and key of the program's configuration with its default. Every second stage is
-# recorded (deploy/computer/src/record/views.rs).
+# Steps between the values within a message, s: section and key of the program's configuration with its default. Every second stage
+# is recorded (deploy/computer/src/record/views.rs).
 PATHS = {"/deck/forecast/path": ("predictor", "stage_s", 0.1), "/plan/path": ("planner", "step_s", 0.1)}
 RECORDED_STAGES = 2
 UNITS = """units: the end of each name (_1ps is 1/s); eta: m (NED), rad (roll, pitch, yaw), eta_dot and eta_ddot: per s and s2;
@@ -23,17 +22,17 @@ UNITS = """units: the end of each name (_1ps is 1/s); eta: m (NED), rad (roll, p
 
 @dataclasses.dataclass(repr=False)
 class Run:
-    """One landing, or one recording that was read.
+    """One landing or one recording.
 
-    outcome   of a trial the JSON of `alight trial --json`: `success`, `position_error_m` (deck's centre to the feet's
+    outcome   for a trial the JSON of `alight trial --json`: `success`, `position_error_m` (deck's centre to the feet's
               centroid in the deck's plane at the first contact), `touchdown_speed_mps` (along the deck's normal),
               `roll_error_deg` ... (drone minus deck in the deck's axes), `landing_time_s` (first descent to first
-              contact); of a file that was read what it says of its outcome.
-    series    topic -> name -> array over time. `time_s` is the simulated world's time of a trial, UTC since 1970 of a
-              flight. Scalars are arrays of N, vectors of N x 3, forecasts and plans of N x K x 3. What was not known is
-              NaN. `/tf` has a series for each frame, `/tf/drone`, `/tf/vessel`: its place in its parent.
-    files     what is attached: configurations and the scenario, name -> text.
-    flight    `flight.json` of a flight of the recorder; None of others.
+              contact); for a file the outcome that it contains.
+    series    topic -> name -> array over time. `time_s` is the simulated world's time for a trial, UTC since 1970 for a
+              flight. Scalars are arrays of N, vectors of N x 3, forecasts and plans of N x K x 3. Unknown values are NaN.
+              `/tf` has one series per frame, such as `/tf/drone` and `/tf/vessel`: the frame's position in its parent.
+    files     attachments: configurations and the scenario, name -> text.
+    flight    `flight.json` of a recorded flight; otherwise None.
     """
 
     outcome: Dict[str, Any]
@@ -43,7 +42,7 @@ class Run:
     path: Optional[str] = None
 
     def __repr__(self) -> str:
-        """Topics by the step of their messages, steps within a message, and units."""
+        """Topics grouped by the period of their messages, steps within a message, and units."""
         steps: Dict[float, List[str]] = {}
         for topic, series in self.series.items():
             times = series["time_s"]
@@ -61,7 +60,7 @@ class Run:
         return RECORDED_STAGES * (float(found.group(1)) if found else default)
 
     def frame(self, topic: str):
-        """The series of a topic as a pandas DataFrame, `time_s` its index; needs pandas."""
+        """Returns the series of a topic as a pandas DataFrame with `time_s` as its index; needs pandas."""
         columns = {}
         for name, values in self.topic(topic).items():
             if values.ndim == 1:
@@ -69,33 +68,33 @@ class Run:
             elif values.ndim == 2:
                 for part in range(values.shape[1]):
                     columns[PART.format(name=name, part=part)] = values[:, part]
-            # Of N x K x 3 no table can be made; `series` has it.
+            # An array of N x K x 3 does not fit a table; `series` has it.
         return pandas.DataFrame(columns).set_index("time_s")
 
     def topic(self, topic: str) -> Dict[str, Any]:
-        """The series of a topic, or an error that names those that are there."""
+        """Returns the series of a topic; the error for a missing topic names the available ones."""
         if topic not in self.series:
             there = ", ".join(sorted(self.series)) or "none"
             raise AlightError(f"no {topic} in {self.path or 'this run'}; there are: {there}")
         return self.series[topic]
 
     def entered(self, *states: str):
-        """Times at which the mission entered one of these states (as `Descent`), in the unit of `time_s`."""
+        """Times at which the mission entered one of these states (such as `Descent`), in the unit of `time_s`."""
         mission = self.topic("/mission")
         inside = np.isin(mission["state"], states)
         began = inside & ~np.concatenate([[False], inside[:-1]])
         return mission["time_s"][began]
 
     def touchdown_s(self) -> Optional[float]:
-        """Time of the first contact, in the unit of `time_s`; None where nothing landed.
+        """Returns the time of the first contact, in the unit of `time_s`; None without a landing.
 
-        Of a trial it is exact to its tick of 10 ms. Of a recording it is when the mission suspected the contact that it
-        confirmed later, some 0.05 s after it.
+        For a trial it is exact to a tick of 10 ms. For a recording it is the time at which the mission suspected the contact
+        that it confirmed later, about 0.05 s after the contact.
         """
         descents = self.entered("Descent", "Flare")
         took = self.outcome.get("landing_time_s")
         if took is not None and len(descents):
-            # The judge counts from the tick of the descent itself, a tick before the mission reports it at the latest.
+            # The judge counts from the tick of the descent itself, at most one tick before the mission reports it.
             return float(descents[0] + took)
         landed = self.entered("Landed")
         if not len(landed):

@@ -1,7 +1,7 @@
 """Figures of landings, studies and envelopes, by matplotlib. Each function returns the figure; `savefig` writes it.
 
-Colours are those of Okabe and Ito, which differ for colour-blind people; lines differ in their style, cells in the
-pattern of their class, too, and in one blue, the darker the more of the cell's trials landed.
+Colours are those of Okabe and Ito, which remain distinct for colour-blind users. Lines also differ in style, and cells in the
+pattern of their class; a cell is a darker blue the more of its trials landed.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ BLUE, ORANGE, GREEN, RED, PURPLE = "#0072B2", "#E69F00", "#009E73", "#D55E00", "
 COLOURS = [BLUE, RED, GREEN, PURPLE, ORANGE]
 DASHES = ["-", "--", "-.", ":"]
 GREY, EDGE = "#777777", "#555555"
-# Class of a cell of an envelope: its pattern, and the share landed that its colour in the legend stands for.
+# Class of an envelope's cell: its pattern, and the fraction landed whose colour the legend shows.
 CLASSES = {"landed": ("", 1.0), "rejected": ("//", 0.0), "unsafe": ("xx", 0.0)}
-# Ends of the scale of the share that landed, none to all: ColorBrewer's Blues. The program's own picture has the same.
+# Ends of the colour scale for the fraction landed, none to all: ColorBrewer's Blues, as in the program's own drawing.
 NONE_LANDED, ALL_LANDED = (222, 235, 247), (49, 130, 189)
-# Metric of Table II: the summary's name, what the axis says.
+# Metric of Table II: name in the summary, label of the axis.
 TABLE2 = [
     ("position_error_m", "position\nerror, m"),
     ("landing_time_s", "landing\ntime, s"),
@@ -35,12 +35,11 @@ TABLE2 = [
 
 
 def landing(run: Run, before_s: float = 15.0, after_s: float = 0.0):
-    """One landing in the layout of the paper's figure 4: the path from above, and over the time to touchdown the
-    displacement to the deck, the velocities, the difference of roll and pitch, and that of yaw.
+    """One landing in the layout of the paper's figure 4: the path from above, and, over the time to touchdown, the
+    displacement to the deck, the velocities, and the differences in roll and pitch, and in yaw.
 
-    The panels over time show the last `before_s` (s) before the first contact, and `after_s` after it; the path is the
-    whole one. A run that did not land is shown to its end. What is drawn is the truth of a simulated landing, and of a
-    flight what the drone believed.
+    The panels over time show `before_s` (s) before the first contact and `after_s` after it; the path is complete. A run without
+    a landing is shown to its end. The figure shows the truth of a simulated landing, and the drone's estimate of a flight.
     """
     r = relative(run)
     landed = bool(np.isfinite(r["to_touchdown_s"]).all())
@@ -66,12 +65,12 @@ def landing(run: Run, before_s: float = 15.0, after_s: float = 0.0):
     for k, (name, of) in enumerate([("drone", r["drone_mps"]), ("deck", r["deck_mps"])]):
         for part, axis in enumerate(["north", "east", "up"]):
             values = over(of[:, part] * (-1 if axis == "up" else 1))
-            # A colour for each axis; the line's style tells the deck from the drone.
+            # One colour per axis; the line style distinguishes deck and drone.
             label = axis if name == "drone" else {"north": "deck: dashed"}.get(axis)
             axes[1].plot(shown, values, DASHES[k], color=COLOURS[part], label=label)
     for k, name in enumerate(["roll", "pitch"]):
         axes[2].plot(shown, over(r[f"{name}_deg"]), DASHES[k], color=COLOURS[k], label=name)
-    # Over a turn of the drone the difference runs on instead of jumping from 180 to -180 deg.
+    # The yaw difference is unwrapped, so that it does not jump from 180 to -180 deg.
     yaw = np.degrees(np.unwrap(np.radians(r["yaw_deg"])))
     last = yaw[np.argmin(np.abs(time))]
     yaw -= 360.0 * np.round(last / 360.0)
@@ -99,7 +98,7 @@ def landing(run: Run, before_s: float = 15.0, after_s: float = 0.0):
 
 
 def _legend_above(axis, **names) -> None:
-    # Above the panel: nothing is covered.
+    # The legend is above the panel, so that it covers nothing.
     place = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 6, "borderpad": 0.1}
     axis.legend(**names, **place, fontsize="x-small", frameon=False)
 
@@ -131,20 +130,20 @@ def _title(run: Run, source: str) -> str:
     return "Landing: " + (", ".join(part for part in parts if part) or "one recording")
 
 
-# Moments of a landing: the mission's state, and at which part of its time.
+# Moments of a landing: the mission's state, and the fraction of its duration.
 MOMENTS = [("Tracking stable", 1.0), ("Descent", 0.5), ("Flare", 0.4), ("Landed", 1.0)]
-# Half of what a panel of them shows to both sides, and above and below the deck's centre, m.
+# Half of a panel's width, and its extent above and below the deck's centre, m.
 SIDE_M, ABOVE_M, BELOW_M = 4.75, 8.4, 1.8
 
 
 def moments(run: Run):
-    """Four moments of a landing as the drone knows them, seen from starboard, forward to the right: the deck, its
-    forecast, the drone and its plan, around the deck's centre at that moment. Of several landings the last one."""
+    """Four moments of a landing as the drone estimates them, seen from starboard, forward to the right: the deck, its forecast, the
+    drone and its plan, around the deck's centre at that moment. Of several landings the last is drawn."""
     r = relative(run)
     touchdown = run.touchdown_s()
     if touchdown is None:
         raise AlightError(f"nothing landed in {run.path or 'this run'}: there are no moments of a landing to draw")
-    # Panels keep their scale: one that is stretched shows no slope.
+    # Panels keep their aspect ratio, because a stretched panel would distort slopes.
     drawn = figure.Figure(figsize=(12, 4.2), layout="compressed")
     axes = drawn.subplots(1, len(MOMENTS), sharey=True)
     for axis, (state, part) in zip(axes, MOMENTS):
@@ -164,12 +163,12 @@ def moments(run: Run):
 
 
 def _within(run: Run, state: str, part: float) -> float:
-    """Time at that part of the mission's last stay in a state."""
+    """Time at this fraction of the mission's last period in a state."""
     mission = run.topic("/mission")
     inside = np.flatnonzero(mission["state"] == state)
     if not len(inside):
         raise AlightError(f"the mission of {run.path or 'this run'} was never in the state {state}")
-    # From the end back to where another state was before.
+    # Searches backwards from the end for the previous state.
     gaps = np.flatnonzero(np.diff(inside) > 1)
     began, ended = mission["time_s"][inside[gaps[-1] + 1 if len(gaps) else 0]], mission["time_s"][inside[-1]]
     return float(began + part * (ended - began))
@@ -186,7 +185,7 @@ def _moment(axis, run: Run, r: Dict[str, Any], at: float, has_plan: bool) -> Non
     own = np.array([np.interp(at, odometry["time_s"], column) for column in odometry["position_m"].T])
 
     def side(places):
-        """Forward of the deck's centre and height."""
+        """Distance forward of the deck's centre, and height."""
         north, east, down = (places - deck).T
         return north * np.cos(heading) + east * np.sin(heading), -down
 
@@ -208,17 +207,17 @@ def _moment(axis, run: Run, r: Dict[str, Any], at: float, has_plan: bool) -> Non
 
 
 def _slope(attitude_deg, heading: float) -> float:
-    """Rise of a body's plane along a heading (rad), from its roll, pitch and yaw: positive where its forward end is up."""
+    """Slope of a body's plane along a heading (rad), from its roll, pitch and yaw; positive if the forward end is up."""
     roll, pitch, yaw = np.radians(attitude_deg)
     yaw -= heading
-    # Its down axis, in axes of which the first is the heading.
+    # The body's down axis, in axes of which the first points along the heading.
     forward = np.cos(yaw) * np.sin(pitch) * np.cos(roll) + np.sin(yaw) * np.sin(roll)
     return forward / (np.cos(pitch) * np.cos(roll))
 
 
 def table2(study: Study):
-    """The paper's Table II as a figure: for each of its seas landed, and the mean of position error, landing time and
-    touchdown speed with a line to the 95th percentile, beside what was published. Other studies are drawn alike."""
+    """The paper's Table II as a figure: for each of its seas the landing rate, and the means of position error, landing time and
+    touchdown speed with a line to the 95th percentile, next to the published values. Other studies are drawn in the same way."""
     scenes = list(dict.fromkeys(row["scenario"] for row in study.summary))
     planners = list(dict.fromkeys(row["planner"] for row in study.summary))
     if not scenes:
@@ -268,7 +267,7 @@ def _rates(axis, rows: List[Dict[str, Any]], places, style) -> None:
 
 
 def _means(axis, rows, places, metric, style, planner) -> None:
-    # Where nothing landed, nothing was measured.
+    # Without a landing there are no measurements.
     known = [(place, row[metric]) for place, row in zip(places, rows) if row.get(metric)]
     at = [place for place, _ in known]
     means = [value["mean"] for _, value in known]
@@ -291,15 +290,16 @@ def _published(axes, summary, scenes) -> None:
 
 
 def envelope(envelope: Envelope):
-    """An envelope as the polar of a boat's papers: a circle for each sea state, the bow up, rings for the relative wind
-    (m/s), sectors for where it comes from. A cell is the darker the more of its trials landed, has the pattern of its
-    class and the count of landed of flown, after `!` of unsafe (its colour is red). The black line is the limit (`Envelope.limit`); none is drawn where too few were flown."""
+    """An envelope as a polar diagram: a circle for each sea state, bow up, rings for the relative wind (m/s), sectors for the
+    direction from which the wind blows. A cell is darker the more of its trials landed, has the pattern of its class, and shows
+    landed of flown, and after `!` the number of unsafe landings (in red). The black line is the limit (`Envelope.limit`); it is
+    omitted if too few trials were flown."""
     grid = envelope.grid
     states, winds = grid["sea_states"], sorted(grid["winds_mps"])
     columns = min(2, len(states))
     lines = -(-len(states) // columns)
     drawn = figure.Figure(figsize=(5.2 * columns, 5.4 * lines + 0.6), layout="constrained")
-    # A ring reaches half-way to its neighbours.
+    # A ring extends halfway to its neighbours.
     middles = [(a + b) / 2 for a, b in zip(winds, winds[1:])]
     half = (winds[1] - winds[0]) / 2 if len(winds) > 1 else winds[0] / 2
     edges = [max(0.0, winds[0] - half), *middles, winds[-1] + (winds[-1] - (middles[-1] if middles else winds[-1] - half))]
@@ -321,7 +321,7 @@ def envelope(envelope: Envelope):
             _limit(axis, envelope, state, winds, edges, width)
         axis.set_ylim(0.0, edges[-1])
         axis.set_yticks(winds, [f"{wind:g}" for wind in winds])
-        # Between two sectors, where no count stands.
+        # Between two sectors, where no count is shown.
         axis.set_rlabel_position(np.degrees(width) / 2)
         axis.set_xticks(np.radians(np.arange(0, 360, 45)), [f"{a} deg" if a else "bow" for a in range(0, 360, 45)])
         axis.tick_params(axis="x", pad=8)
@@ -339,7 +339,7 @@ def envelope(envelope: Envelope):
 
 
 def _shade(name: str, landed: float) -> str:
-    """Colour of a cell of that class in which this share landed, 0 to 1."""
+    """Colour of a cell of this class of which this fraction landed, 0 to 1."""
     if name == "unsafe":
         return RED
     steps = (round(low + landed * (high - low)) for low, high in zip(NONE_LANDED, ALL_LANDED))
@@ -352,7 +352,7 @@ def _limit(axis, envelope: Envelope, state: int, winds, edges, width: float) -> 
     for k in range(envelope.grid["directions"]):
         limit = envelope.limit(state, 360.0 * k / envelope.grid["directions"])
         radius = 0.0 if limit is None else edges[winds.index(limit) + 1]
-        # The arc of its sector; between two sectors the line steps.
+        # The arc of the sector; between two sectors the line steps radially.
         angles.extend(np.linspace((k - 0.5) * width, (k + 0.5) * width, 12))
         radii.extend([radius] * 12)
     axis.plot([*angles, angles[0]], [*radii, radii[0]], color="black", linewidth=2)

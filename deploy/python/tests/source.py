@@ -1,9 +1,9 @@
-"""What the tests share: the module under test, and landings flown once.
+"""Shared parts of the tests: the module under test, and landings that are flown once.
 
     ALIGHT=target/release/alight python3 -m unittest discover deploy/python/tests
 
-flies some fifteen landings, a minute on two cores. With ALIGHT_TEST_INSTALLED=1 the installed wheel is tested, and without
-ALIGHT its own program; with ALIGHT_TEST_FLIGHT=DIR a flight of the recorder is read, too (`alight land --log DIR`).
+flies about fifteen landings, a minute on two cores. With ALIGHT_TEST_INSTALLED=1 the installed wheel is tested, without ALIGHT with
+the wheel's own program; with ALIGHT_TEST_FLIGHT=DIR a recorded flight is read as well (`alight land --log DIR`).
 """
 
 import atexit
@@ -15,13 +15,13 @@ import subprocess
 import sys
 import tempfile
 
-# An installed wheel is tested as it is; from a checkout the module lies beside the tests.
+# An installed wheel is tested as it is; in a checkout the module is next to the tests.
 if not os.environ.get("ALIGHT_TEST_INSTALLED"):
     sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 
 import alight
 
-# Some tests run elsewhere: a path from here would not be found there.
+# Some tests run in another directory, where a relative path would not be found.
 if os.environ.get("ALIGHT"):
     os.environ["ALIGHT"] = alight.program()
 
@@ -32,19 +32,19 @@ FILES = pathlib.Path(_kept.name)
 
 @functools.lru_cache(maxsize=None)
 def landing():
-    """One landing that succeeds, with its recording kept: (run, path)."""
+    """One successful landing with its recording: (run, path)."""
     path = FILES / "landing.mcap"
     return alight.trial(seed=1, sea="rough", record=path), path
 
 
 def printed(*words):
-    """The JSON of the program's last line, asked without the module."""
+    """The JSON of the program's last line, requested without the module."""
     done = subprocess.run([alight.program(), *words, "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     return json.loads(done.stdout.splitlines()[-1])
 
 
 def stand_in(directory, text):
-    """A program of `sh` in the place of the real one; its path."""
+    """Path of a shell script that replaces the program."""
     path = pathlib.Path(directory) / "alight"
     path.write_text(f"#!/bin/sh\n{text}\n", encoding="utf-8")
     path.chmod(0o755)

@@ -1,4 +1,4 @@
-"""Recordings of other programs become the CSV that the program reads: quantities, units, axes, times, and what is refused."""
+"""Recordings of other programs become the CSV that the program reads: quantities, units, axes, times, and rejected input."""
 
 import contextlib
 import csv
@@ -32,7 +32,7 @@ def needs(*modules):
 
 
 def exact(path):
-    """Rows of a CSV as the program's exact reader takes them: known columns, numbers or nothing, times that rise."""
+    """Rows of a CSV as the program's strict reader accepts them: known columns, numbers or empty cells, increasing times."""
     with open(path, newline="", encoding="utf-8") as file:
         lines = list(csv.reader(file))
     header, rows = lines[0], []
@@ -195,7 +195,7 @@ class Tables(Case):
     def test_stamps_coarser_than_the_rows(self):
         from alight.convert._times import spread
 
-        # 10 Hz from the middle of a second on; 15 Hz in tenths; a clock of 9.7 Hz.
+        # 10 Hz starting in the middle of a second; 15 Hz in tenths; a clock of 9.7 Hz.
         for hz, step, begin in ((10.0, 1.0, 3.45), (15.0, 0.1, 0.0), (9.7, 1.0, 0.2)):
             truth = [begin + k / hz for k in range(600)]
             t, keep, note = spread([math.floor((at + 1e-9) / step) * step for at in truth])
@@ -205,7 +205,7 @@ class Tables(Case):
                 self.near(a, b, 0.3 / hz + 0.05 * step)
             for a, b in zip(t, t[1:]):
                 self.near(b - a, 1.0 / hz, 0.01 / hz)
-        # A stamp of three rows among those of ten is left out; an irregular number is an error.
+        # A stamp of three rows among stamps of ten is omitted; an irregular number is an error.
         t, keep, note = spread([k // 10 for k in range(600) if not 200 <= k < 207])
         self.assertIn("3 rows", note)
         self.assertEqual(keep.sum(), 590)
@@ -282,7 +282,7 @@ class Refusals(Case):
 
 
 def ulog(seconds):
-    """A boat that rolls: inertial samples at 100 Hz, attitude at 50, GPS at 5."""
+    """A rolling boat: inertial samples at 100 Hz, attitude at 50 Hz, GPS at 5 Hz."""
     message = lambda kind, payload: struct.pack("<HB", len(payload), ord(kind)) + payload
     out = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 7) + message("B", bytes(40))
     formats = (
@@ -346,7 +346,7 @@ class Mavlink(Case):
                     gps = (1000 * ms, 3, 500_000_000, 145_000_000, 255_000, 100, 100, 200, 9000, 10)
                     messages.append(link.gps_raw_int_encode(*gps))
                 for message in messages:
-                    # The link is late by up to half a second.
+                    # The link is up to half a second late.
                     stamp = 1_779_278_400_000_000 + 100_000 * k + 50_000 * (k * 7 % 10)
                     out += struct.pack(">Q", stamp) + message.pack(link)
         return out
@@ -490,7 +490,7 @@ class Bags(Case):
     def test_odometry_alone(self):
         rows, _ = self.converted(self.bag(2, leave_out=("/imu", "/vel")))
         self.near(of(rows, "roll_deg")[0][1], 10.0)
-        # Forward is east, up by the pitch.
+        # The velocity is forward, and upward by the pitch.
         velocity = next(row for row in rows if "north_mps" in row)
         speed = [velocity[name] for name in ("north_mps", "east_mps", "down_mps")]
         self.near(math.hypot(*speed), math.hypot(2.0, 1.0, 0.5))
@@ -504,7 +504,7 @@ class Bags(Case):
 
 @needs()
 class Sentences(Case):
-    # From NovAtel's manual of OEM7.
+    # From NovAtel's OEM7 manual.
     EXAMPLE = (
         "#INSPVAA,USB1,0,67.5,FINESTEERING,2209,490558.000,02000020,18bc,16809;2209,490558.000000000,51.15043714042,"
         "-114.03067871718,1080.3548,0.0051,-0.0014,-0.0012,-0.296402993,0.311887972,157.992156267,INS_SOLUTION_GOOD*cc698020"
@@ -546,7 +546,8 @@ class Sentences(Case):
 
 @needs("xarray", "netCDF4")
 class Hulls(Case):
-    """A hull that follows the water in long waves, as Capytaine saves it, with dofs about a point off the mesh's origin."""
+    """A hull that follows the water in long waves, as Capytaine saves it, with degrees of freedom about a point away from the
+    mesh's origin."""
 
     CENTER, DOFS = (0.7, 0.2, 0.6), ["Surge", "Sway", "Heave", "Roll", "Pitch", "Yaw"]
 

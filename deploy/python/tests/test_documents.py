@@ -1,4 +1,4 @@
-"""What the page and the notebook show runs as it stands, with fewer landings."""
+"""Code that the page and the notebook show runs unchanged, except for fewer landings."""
 
 import contextlib
 import json
@@ -17,18 +17,18 @@ NOTEBOOK = ROOT / "deploy/examples/python/landing.ipynb"
 
 
 def shortened(code):
-    """The same with one landing in the place of each number, and an envelope of one cell."""
+    """The same code with one landing in place of each number, and an envelope of one cell."""
     code = re.sub(r"\btrials\(\d+", "trials(1", code)
     code = re.sub(r"\btrials=\d+", "trials=1", code)
     code = code.replace(', "mpc-faa"]', "]")
     code = code.replace("quick=True", "winds=[2], directions=1, sea_states=[3], trials=1")
-    # A line of a notebook alone.
+    # A line that only a notebook accepts.
     return re.sub(r"^%.*$", "", code, flags=re.M)
 
 
 @contextlib.contextmanager
 def elsewhere():
-    """In a directory of its own, which is gone afterwards."""
+    """Runs in a temporary directory."""
     before = os.getcwd()
     with tempfile.TemporaryDirectory() as directory:
         os.chdir(directory)

@@ -1,4 +1,4 @@
-"""Many landings: rates, studies and envelopes are those of the program's files."""
+"""Many landings: rates, studies and envelopes equal those in the program's files."""
 
 import unittest
 from unittest import mock
@@ -27,7 +27,7 @@ def records(rows):
 
 class Trials(unittest.TestCase):
     def test_rate_is_the_programs(self):
-        # A baseline in a sea beyond it: one of the two lands, and the program's exit code is 1.
+        # A baseline in a sea beyond its limits: one of two trials lands, and the program's exit code is 1.
         flown = alight.trials(2, seed0=1, planner="mpc-ne", sea="very-rough")
         own = printed("trial", "--trials", "2", "--seed0", "1", "--planner", "mpc-ne", "--sea", "very-rough")
         self.assertEqual(flown.rate, own["successes"] / own["trials"])
@@ -123,7 +123,7 @@ def drawn_by_hand():
 class Envelopes(unittest.TestCase):
     def test_limit_at_the_first_wind_beyond(self):
         envelope = drawn_by_hand()
-        # Unsafe astern at 4 m/s, refused to port at 4: what landed beyond is not within the limit.
+        # Unsafe astern at 4 m/s, rejected to port at 4 m/s: landings in stronger winds are not within the limit.
         self.assertEqual([envelope.limit(3, d) for d in (0.0, 90.0, 180.0, 270.0)], [8.0, 4.0, None, None])
 
     def test_envelope_is_the_programs(self):

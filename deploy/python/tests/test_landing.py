@@ -1,4 +1,4 @@
-"""One landing: what the module gives is what the program flew and recorded."""
+"""One landing: the module returns the flight and its recording."""
 
 import dataclasses
 import os
@@ -16,7 +16,7 @@ def angles(truth, of):
 
 
 def turned(roll, pitch, yaw):
-    """Matrix from the body's axes to the frame's: first roll, then pitch, then yaw, deg."""
+    """Matrix from body axes to the frame: first roll, then pitch, then yaw, deg."""
     (a, b, c), (p, q, r) = np.sin(np.radians([roll, pitch, yaw])), np.cos(np.radians([roll, pitch, yaw]))
     about_x = np.array([[1, 0, 0], [0, p, -a], [0, a, p]])
     about_y = np.array([[q, 0, b], [0, 1, 0], [-b, 0, q]])
@@ -28,7 +28,7 @@ class Landing(unittest.TestCase):
     def test_outcome_is_the_programs(self):
         run, _ = landing()
         own = printed("trial", "--seed", "1", "--sea", "rough")
-        # Every bit of the flight, but not the time that it took to compute.
+        # Every bit of the flight is equal, except the computing time.
         self.assertEqual({**run.outcome, "wall_time_s": 0}, {**own, "wall_time_s": 0})
 
     def test_failed_landing_is_a_result(self):
@@ -60,14 +60,14 @@ class Landing(unittest.TestCase):
             self.assertIn("0.02 s: /sensor/range\n", text)
 
     def test_value_that_is_not_known_is_nan(self):
-        # The simulated autopilot measures the battery's voltage and no current.
+        # The simulated autopilot measures the battery's voltage but no current.
         autopilot = landing()[0].series["/drone/autopilot"]
         self.assertTrue(np.isnan(autopilot["battery_a"]).all())
         self.assertFalse(np.isnan(autopilot["battery_v"][-1]))
         self.assertFalse(np.isnan(autopilot["hover_thrust"]).any())
 
     def test_truth_and_transforms_agree(self):
-        # Two topics state the same: place and heading, by quaternion and by angle; and the distance from above.
+        # Two topics agree: position and heading, by quaternion and by angle; and the distance from above.
         run, _ = landing()
         truth, r, frame = run.series["/truth"], alight.relative(run), run.series["/tf/drone"]
         np.testing.assert_array_equal(frame["time_s"], truth["time_s"])
@@ -79,7 +79,7 @@ class Landing(unittest.TestCase):
         np.testing.assert_allclose(heading, truth["drone_yaw_deg"], atol=1e-6)
 
     def test_difference_of_attitudes(self):
-        # The same from the angles of both, by matrices, over the whole approach: 20 deg of tilt, half a turn of yaw.
+        # The same result from the angles of both, by matrices, over the whole approach: 20 deg of tilt, half a turn of yaw.
         run, _ = landing()
         truth, r = run.series["/truth"], alight.relative(run)
         drone, deck = (np.array([turned(*a) for a in zip(*angles(truth, of))]) for of in ("drone", "deck"))
@@ -111,7 +111,7 @@ class Landing(unittest.TestCase):
 
 
 class Touchdown(unittest.TestCase):
-    """At the first contact the series say what the judge of the landing measured."""
+    """At the first contact the series agree with the judge of the landing."""
 
     def at_contact(self, name):
         r = alight.relative(landing()[0])
@@ -119,7 +119,7 @@ class Touchdown(unittest.TestCase):
         return np.array([np.interp(0.0, r["to_touchdown_s"], column) for column in values.T])
 
     def test_displacement_is_the_position_error(self):
-        # Records are 40 ms apart and the drone moves 0.1 m/s along the deck.
+        # Records are 40 ms apart and the drone moves at 0.1 m/s along the deck.
         forward, starboard, height = self.at_contact("displacement_m")
         self.assertAlmostEqual(np.hypot(forward, starboard), landing()[0].outcome["position_error_m"], delta=0.005)
         self.assertLess(abs(height), 0.03)
@@ -130,7 +130,7 @@ class Touchdown(unittest.TestCase):
             self.assertAlmostEqual(self.at_contact(f"{angle}_deg")[0], error, delta=0.5)
 
     def test_time_without_the_outcome(self):
-        # A recording alone has the mission's suspicion; it comes within a few ticks of the contact.
+        # A recording alone has the mission's suspected contact, which comes within a few ticks of the contact.
         run, path = landing()
         self.assertAlmostEqual(alight.read(path).touchdown_s(), run.touchdown_s(), delta=0.1)
 
@@ -167,13 +167,13 @@ class Recordings(unittest.TestCase):
                     alight.read(path)
 
     def test_bytes_that_are_others(self):
-        # Either nothing is noticed, or it is said; no other exception comes out.
+        # Damage is either not noticed or reported; no other exception occurs.
         path, random = FILES / "damaged.mcap", np.random.default_rng(1)
         whole = np.frombuffer(landing()[1].read_bytes(), dtype=np.uint8)
         refused = 0
         for k in range(12):
             damaged = whole.copy()
-            # The second half of them in the index at the end, which everything else is found by.
+            # The second half of the damage is in the index at the end, by which everything else is found.
             begin = 0 if k < 6 else len(whole) - 20_000
             places = random.integers(begin, len(whole), 2_000 if k < 6 else 20)
             damaged[places] = random.integers(0, 256, len(places))
@@ -206,7 +206,7 @@ class Recordings(unittest.TestCase):
             alight.read(empty)
 
     def test_flight_is_computed_again(self):
-        # The program's part is played: it joins the flight's files to one recording.
+        # The script replaces the program: it joins the flight's files to one recording.
         flight = FILES / "20260101T000000Z-0001"
         flight.mkdir()
         (flight / "mission-00000001-001.mcap").write_bytes(b"")

@@ -1,4 +1,4 @@
-"""A landing of all processes, read while it flies: by the module, by the documents' loop of Zenoh, and as ROS 2 messages."""
+"""A landing of all processes, read while it flies: by the module, by the documents' Zenoh loop, and as ROS 2 messages."""
 
 import importlib.util
 import itertools
@@ -37,7 +37,7 @@ def free_port():
 
 
 class Landing(unittest.TestCase):
-    """The tests follow each other in one landing."""
+    """The tests run one after another in one landing."""
 
     @classmethod
     def setUpClass(cls):

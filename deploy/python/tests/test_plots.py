@@ -1,4 +1,4 @@
-"""Figures show the numbers of what they were drawn from, with units at their axes."""
+"""Figures show the numbers from which they were drawn, with units at their axes."""
 
 import io
 import unittest
@@ -14,12 +14,12 @@ except ImportError:
 
 
 def line(axis, name):
-    """x and y of the line with that label."""
+    """x and y of the line with this label."""
     return next(drawn for drawn in axis.get_lines() if drawn.get_label() == name).get_data()
 
 
 def written(figure):
-    """The figure as SVG: that it can be drawn at all."""
+    """The figure as SVG, which shows that it can be drawn."""
     file = io.BytesIO()
     figure.savefig(file, format="svg")
     return file.getvalue()
@@ -80,7 +80,7 @@ class Landing(unittest.TestCase):
             alight.plots.landing(run)
 
     def test_belief_comes_close_to_the_truth(self):
-        # What a flight has: the drone's odometry and its forecast, no truth.
+        # Data of a real flight: the drone's odometry and its forecast, no truth.
         topics = ["/mission", "/log", "/drone/odometry", "/deck/forecast/path"]
         run = alight.read(landing()[1], topics=topics)
         r = alight.relative(run)
@@ -89,7 +89,7 @@ class Landing(unittest.TestCase):
         truth = alight.relative(self.run_)
         true = [np.interp(0.0, truth["to_touchdown_s"], column) for column in truth["displacement_m"].T]
         np.testing.assert_allclose(last, true, atol=0.1)
-        # In the air both velocities are in NED, whatever the drone's heading is.
+        # In the air both velocities are in NED, independent of the drone's heading.
         air = (r["to_touchdown_s"] > -10.0) & (r["to_touchdown_s"] < 0.0)
         for part in range(3):
             own = np.interp(r["time_s"][air], truth["time_s"], truth["drone_mps"][:, part])
@@ -105,7 +105,7 @@ class Moments(unittest.TestCase):
         heights = []
         for axis in figure.axes:
             (_, drone), (_, deck) = (line(axis, name) for name in ("drone", "deck"))
-            # Its centre is the origin.
+            # The deck's centre is the origin.
             self.assertAlmostEqual(deck.mean(), 0.0, places=6)
             heights.append(drone.mean())
         self.assertEqual(heights, sorted(heights, reverse=True))
@@ -119,11 +119,11 @@ class Moments(unittest.TestCase):
             self.assertLess(np.hypot(forward[0], height[0]), 0.5)
 
     def test_slope_along_a_heading(self):
-        # Nose up by 10 deg as seen from its own heading, level from abeam, where its roll shows.
+        # Nose up by 10 deg as seen from its own heading; level from abeam, from where its roll shows.
         slope = alight.plots._slope
         self.assertAlmostEqual(slope((0.0, 10.0, 30.0), np.radians(30.0)), np.tan(np.radians(10.0)))
         self.assertAlmostEqual(slope((0.0, 10.0, 30.0), np.radians(120.0)), 0.0)
-        # Starboard down: seen along starboard the forward end is down.
+        # Starboard down: seen along starboard, the forward end is down.
         self.assertAlmostEqual(slope((10.0, 0.0, 0.0), np.radians(90.0)), -np.tan(np.radians(10.0)))
 
     def test_flight_without_a_landing(self):
@@ -140,7 +140,7 @@ class Tables(unittest.TestCase):
             row("0,0", "mpc-faa", 0.2, known),
             row("0.5,5", "alight", 0.3, None),
         ]
-        # A row in which nothing landed was not measured.
+        # A row without a landing has no measurements.
         summary.append({**row("0.5,5", "mpc-faa", 0.0, None), "position_error_m": None, "successes": 0})
         self.figure = alight.plots.table2(alight.Study("table2", [], summary))
 
@@ -154,7 +154,7 @@ class Tables(unittest.TestCase):
 
     def test_published_once_for_each_sea(self):
         marks = [len(axis.collections) for axis in self.figure.axes[1:]]
-        # Beside the planners' lines to the 95th percentile.
+        # Next to the planners' lines to the 95th percentile.
         planners = [len(axis.containers) for axis in self.figure.axes[1:]]
         self.assertEqual([m - p for m, p in zip(marks, planners)], [1, 1, 0])
 

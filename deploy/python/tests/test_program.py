@@ -1,4 +1,4 @@
-"""The program is found, asked as its flags say, and its refusals are passed on."""
+"""The program is found, called with the given flags, and its rejections are passed on."""
 
 import os
 import shutil
@@ -80,7 +80,7 @@ class Place(unittest.TestCase):
             self.assertIn(part, str(raised.exception))
 
     def test_variable_that_names_nothing(self):
-        # Not the one on PATH instead: who names a program means that one.
+        # The program on PATH is not used instead, because the caller has named another.
         os.environ["ALIGHT"] = os.path.join(self.places["named"], "other")
         with self.assertRaisesRegex(alight.AlightError, "ALIGHT=.*other"):
             alight.trial(seed=1)
@@ -106,7 +106,7 @@ class Place(unittest.TestCase):
 
 class Dependencies(unittest.TestCase):
     def test_without_any_package(self):
-        # -S: a Python without site-packages. Looking for the program and its refusals need none of them.
+        # -S: a Python without site-packages. Finding the program and its rejections need no package.
         where = str(Path(alight.__file__).resolve().parents[1])
         asked = (
             "import sys; sys.path.insert(0, sys.argv[1]); import alight; alight.program()\n"
@@ -116,7 +116,7 @@ class Dependencies(unittest.TestCase):
             "except ImportError as error: print(error)\n"
         )
         environment = dict(os.environ, ALIGHT=alight.program())
-        # A wheel's module lies among the packages that are to be missing: a copy of it alone does not.
+        # A wheel's module is among the packages that must be missing, so a separate copy is used.
         with tempfile.TemporaryDirectory() as directory:
             shutil.copytree(Path(where) / "alight", Path(directory) / "alight")
             command = [sys.executable, "-S", "-c", asked, directory]

@@ -1,5 +1,5 @@
-//! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total
-//! length is limited.
+//! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total length
+//! is limited.
 
 use std::path::{Path, PathBuf};
 
@@ -88,7 +88,7 @@ fn book_relative_links() {
             assert!(is_there, "{}: {link} names no heading", page.display());
         }
     }
-    // Pages named by the program and its configurations exist, too.
+    // Pages named by the program and its configurations must exist, too.
     let named = "src computer/src people/src lab/src vessel drone scripts".split(' ');
     let named = named.map(|d| root().join("deploy").join(d));
     for source in named.flat_map(|d| files(&d, &[".rs", ".toml", ".json"])) {
@@ -111,8 +111,8 @@ fn link_version(root: &Path) -> String {
     format!("{:016x}", wire::hash_record(&bytes.concat()).unwrap())
 }
 
-/// Faults in tables of flights with makers' firmware: each table has to name Alight's version, and to state
-/// changes of the code since.
+/// Faults in tables of flights with makers' firmware: each table has to name Alight's version, and to state later
+/// changes of the code.
 fn stale_tables(page: &str, link: &str) -> Vec<String> {
     let mut wrong = Vec::new();
     let mut marker: Option<&str> = None;

@@ -319,7 +319,7 @@ fn init_writes_both_files_once() {
             .stderr(Stdio::piped())
             .spawn()
             .expect("starts");
-        // A program that has ended reads nothing.
+        // A program that has ended reads no input.
         let _ended = child.stdin.take().unwrap().write_all(answers.as_bytes());
         child.wait_with_output().expect("ends")
     };
@@ -343,7 +343,7 @@ fn init_writes_both_files_once() {
     );
     let o = init("");
     assert!(
-        o.status.code() == Some(2) && stderr(&o).contains("stays as it is"),
+        o.status.code() == Some(2) && stderr(&o).contains("is not replaced"),
         "{}",
         stderr(&o)
     );

@@ -1,4 +1,4 @@
-//! `alight estimate`: reports of readable recordings, exit code 2 and a reason for others.
+//! `alight estimate`: reports of readable recordings; exit code 2 and a reason for others.
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 
 /// Two minutes of a boat in a swell of 5 s, as a motion sensor and a receiver measure it at 5 Hz.

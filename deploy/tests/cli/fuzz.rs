@@ -1,8 +1,8 @@
-//! Arbitrary and damaged input at the interfaces: radio messages, configuration files, recordings. Nothing
-//! panics, and accepted input is valid.
+//! Arbitrary and damaged input at the interfaces: radio messages, configuration files, recordings. Nothing panics,
+//! and accepted input is valid.
 //!
-//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release
-//! --workspace --test cli fuzz`.
+//! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release --workspace --test
+//! cli fuzz`.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -78,7 +78,7 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
     bytes
 }
 
-/// Decodes a message of type `M`: it is rejected, or valid enough to be checked and sent again.
+/// Decodes a message of type `M`; the message is rejected, or valid enough to be checked and sent again.
 fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     let message = wire::decode::<M>(bytes).ok()?;
     assert!(bytes.len() <= MAX_WIRE_BYTES);
@@ -87,7 +87,6 @@ fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     Some(message)
 }
 
-/// Decodes the bytes as each message that the radio receives.
 fn decode_all(bytes: &[u8]) {
     let _sound = decoded::<EstimateUpdate<VesselClock>>(bytes).map(|m| m.check());
     let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
@@ -102,7 +101,6 @@ fn decode_all(bytes: &[u8]) {
     decoded::<ProcessState>(bytes);
 }
 
-/// One valid message of each kind.
 fn sound() -> Vec<Vec<u8>> {
     let estimate = VesselEstimate::<VesselClock> {
         header: Header::default(),
@@ -222,7 +220,7 @@ proptest! {
     }
 }
 
-/// Number of cases with runs of the program, which are slower than calls, unless PROPTEST_CASES sets it.
+/// Number of cases that run the program, which are slower than calls, unless PROPTEST_CASES sets it.
 fn runs() -> ProptestConfig {
     ProptestConfig {
         cases: std::env::var("PROPTEST_CASES")
@@ -264,7 +262,7 @@ fn steps() -> &'static [mcap::Message<'static>] {
     })
 }
 
-/// Damage to a step's input of unchanged length, which a decoder accepts.
+/// Damage to a step's input that keeps its length and that a decoder accepts.
 #[derive(Clone, Debug)]
 enum Wrong {
     Bytes(Damage),
@@ -302,7 +300,7 @@ fn made_wrong(mut bytes: Vec<u8>, how: &Wrong) -> Vec<u8> {
     }
 }
 
-/// Steps that the replay continues after the last wrong one, to let the effects on a node's state appear.
+/// Number of steps that the replay continues after the last damaged one, so that effects on a node's state appear.
 const FOLLOWED: usize = 3000;
 
 fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::McapError> {
@@ -330,8 +328,8 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     Ok(())
 }
 
-/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged
-/// bytes). This test passes them to the nodes.
+/// A checksum of the file rejects changed bytes before a step is read (in 310 of 313 files with damaged bytes). This
+/// test passes such bytes to the nodes.
 #[test]
 fn corrupted_steps_of_a_recording() {
     let reached = AtomicU32::new(0);
@@ -349,8 +347,8 @@ fn corrupted_steps_of_a_recording() {
         let output = program::stderr(&out);
         let code = out.status.code();
         prop_assert!(matches!(code, Some(0..=2)), "{:?}: {output}", out.status);
-        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the
-        // step instead.
+        // A replay prints this text when it catches a panic; when the decoder rejects an input, it names the step
+        // instead.
         prop_assert!(
             !output.contains("the recording is damaged; record it again"),
             "{output}"

@@ -98,7 +98,7 @@ fn paths(text: &str) -> Vec<String> {
     found
 }
 
-/// Module that `path`, relative to the module `from`, leads into.
+/// Module to which `path` leads, relative to the module `from`.
 fn target(path: &str, from: &str, modules: &BTreeSet<String>) -> String {
     let mut at: Vec<&str> = from.split("::").filter(|p| !p.is_empty()).collect();
     for part in path.split("::") {
@@ -224,7 +224,7 @@ fn packages_that_must_not_know_each_other() {
     }
 }
 
-/// Modules of a package that are nodes: shared parts are modules of their own.
+/// Modules of a package that are nodes: shared parts are separate modules.
 const NODES: [(&str, &[&str]); 2] = [
     (
         "uav-side",

@@ -8,7 +8,6 @@ pub fn alight(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
-/// Path of a temporary file of this test process.
 pub fn scratch(name: &str) -> PathBuf {
     let dir = std::env::temp_dir().join(format!("alight-test-{}", std::process::id()));
     std::fs::create_dir_all(&dir).expect("a directory for temporary files");
@@ -34,7 +33,7 @@ pub fn json(o: &Output) -> serde_json::Value {
     serde_json::from_str(stdout(o).lines().last().expect("a line")).expect("JSON")
 }
 
-/// Asserts that each of these commands exits with code 2, names the wrong part, and does not panic.
+/// Asserts that each of these commands exits with code 2, names the invalid part, and does not panic.
 pub fn assert_rejected(cases: &[(String, &str)]) {
     for (arguments, names) in cases {
         let o = alight(arguments);

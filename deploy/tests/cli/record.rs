@@ -1,4 +1,3 @@
-//! Recording and replay on the command line.
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -6,7 +5,7 @@ use std::sync::OnceLock;
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
 
-/// Recording and outcome of a landing after a short warm-up; flown once.
+/// Recording and outcome of a landing after a short warm-up, flown once.
 fn recorded() -> &'static (PathBuf, serde_json::Value) {
     static FLOWN: OnceLock<(PathBuf, serde_json::Value)> = OnceLock::new();
     FLOWN.get_or_init(|| {
@@ -133,7 +132,7 @@ fn replay_with_a_flipped_input_byte() {
     for (topic, node, offset) in [
         // Time (8), number of inertial samples (8), header (26), then the first gyro rate.
         ("/node/vessel", "vessel", 8 + 8 + 26 + 6),
-        // Time (8), plan (1), mission's state, previous (4 each) after its header (1 + 26).
+        // Time (8), plan (1), the mission's state and the previous state (4 each) after its header (1 + 26).
         ("/node/pilot", "pilot", 8 + 1 + 1 + 26),
     ] {
         let other = scratch(&format!("changed-{node}.mcap"));
@@ -183,8 +182,8 @@ fn replay_with_a_changed_output() {
 #[test]
 fn replay_of_damaged_foreign_and_missing_files() {
     let good = std::fs::read(&recorded().0).unwrap();
-    // One byte in every 4 kB of the middle: some are in chunks, which have checksums, and not only in the
-    // index records between them, which a replay does not need.
+    // Changes one byte in every 4 kB of the middle, so that some are in chunks, which have checksums, and not only in
+    // the index records between them, which a replay does not need.
     let mut flipped = good.clone();
     for i in (good.len() / 4..3 * good.len() / 4).step_by(4096) {
         flipped[i] ^= 0x20;
@@ -223,7 +222,7 @@ fn invalid_directories_of_flights() {
         (format!("replay {part}"), &part),
         (
             format!("replay {} --record {none}", recorded().0.display()),
-            "is no flight's directory",
+            "is not a flight's directory",
         ),
         (
             format!("calibrate vessel {empty}"),
@@ -281,7 +280,7 @@ fn displayed_topics_of_a_recording() {
 fn deck_calibration_of_a_recording() {
     let rejected = format!("calibrate deck {}", recorded().0.display());
     assert_rejected(&[(rejected, "leave the drone on the deck")]);
-    // From where the drone stands no part of a tag of 1 m is visible.
+    // From the drone's position on the deck no part of a tag of 1 m is visible.
     let stays = "stay_s = 40.0\n[deck]\ntag_side_m = 1.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
     let drone = file("one-tag.toml", "[drone.deck]\ntag_side_m = 1.0\n");
     let (scene, recording) = (
@@ -311,7 +310,7 @@ fn deck_calibration_of_a_recording() {
         "{output}"
     );
 
-    // In waves the antenna is observable, the hull is not.
+    // In waves the antenna's position is observable, the hull's parameters are not.
     let vessel = alight(format!("calibrate vessel {recording}"));
     let output = stdout(&vessel);
     assert!(

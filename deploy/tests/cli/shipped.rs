@@ -120,7 +120,7 @@ fn container_copies_what_there_is() {
         let first = line.split(' ').next().unwrap_or_default();
         assert!(known.contains(&first), "{line}");
     }
-    // Images are named without a registry, so the machine's own default is used.
+    // Images are named without a registry, so the computer's own default is used.
     let images = instructions(&text, "ARG");
     assert_eq!(images.len(), instructions(&text, "FROM").len());
     for image in images.iter().flatten() {
@@ -143,8 +143,8 @@ fn container_copies_what_there_is() {
     assert_eq!(instructions(&text, "USER"), [["alight"]]);
 }
 
-/// Keys of each side that are printed: those that `alight init` writes, all that a file may set, and the method's. A new key
-/// changes a number here; the two files of `alight init` have 60 at most together.
+/// Number of printed keys of each side: those that `alight init` writes, all that a file may set, and the method's. A
+/// new key changes a number here; the two files of `alight init` together have at most 60.
 const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 57, 20]), ("drone", [40, 145, 210])];
 
 #[test]
@@ -176,7 +176,7 @@ fn helm_in_a_file_of_a_former_version() {
     }
 }
 
-/// The printed configuration of the method is the one that flies; a flight's file rejects it.
+/// A flight uses the printed configuration of the method; a computer's file rejects it.
 #[test]
 fn method_in_a_file_of_its_own() {
     let both = ["vessel", "drone"].map(|side| printed(&format!("config {side} --tuning")));

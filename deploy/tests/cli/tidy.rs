@@ -1,5 +1,5 @@
-//! Sizes of rooms, keys and terms of the whole project; each file is read once. `tidy/words.toml` lists the terms that
-//! the project does not use, with their replacements.
+//! Sizes of rooms, keys and terms of the whole project; each file is read once. `tidy/words.toml` lists the terms
+//! that the project does not use, with their replacements.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,7 +9,7 @@ mod terms;
 use source::{ROOMS, SourceFile, keys, project};
 use terms::{Bans, Places, places, replacement};
 
-/// Places that a message lists; the diff shows the rest.
+/// Maximum number of places that a message lists; the diff shows the rest.
 const MAX_LISTED: usize = 30;
 
 /// Maximum code lines of each room, by the table in ARCHITECTURE.md.
@@ -71,7 +71,6 @@ fn unread_keys(sources: &[SourceFile]) -> Vec<String> {
     unread.collect()
 }
 
-/// Message for each term in use.
 fn terms_in_use(places: &Places, bans: &Bans) -> Vec<String> {
     let messages = places.iter().map(|(term, all)| {
         let count = all.len();

@@ -1,5 +1,4 @@
-//! Access control of the radio: real Zenoh clients whose messages must be rejected, next to one that is
-//! admitted.
+//! Access control of the radio: real Zenoh clients whose messages must be rejected, next to one that is admitted.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -98,8 +97,8 @@ fn assert_counted(why: AccessRejection) {
     assert!(counted.of(why) > 0, "{why:?} was not noticed: {counted:?}");
 }
 
-/// Peers that the vessel at `address` has to reject: without certificate, with one of another authority, with
-/// an expired one, with a name that is not admitted, and with an admitted certificate on other peers' keys.
+/// Peers that the vessel at `address` must reject: without a certificate, with one of another authority, with an
+/// expired one, with a name that is not admitted, and with an admitted certificate on other peers' keys.
 fn intruders(address: &str, keys: &Path) -> Vec<Intruder> {
     common::keys(keys, "drone 9");
     let other = keys.join("other");

@@ -1,4 +1,4 @@
-//! Test suite for both buses: the simulated world's bus carries topics as shared memory does.
+//! Test suite for both buses: the simulated world's bus must carry topics as shared memory does.
 
 use core::fmt::Debug;
 
@@ -54,7 +54,7 @@ fn conforms<B: Bus<Error: Debug>>(bus: &B) {
     stale(bus);
 }
 
-/// A state's reader gets the newest message once; a queue's reader gets all in order.
+/// A state's reader gets the newest message once; a queue's reader gets all messages in order.
 fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
     let (mut states, mut events) = (bus.writer().unwrap(), bus.writer().unwrap());
     let (mut newest, mut all) = (bus.reader::<SetPoint>().unwrap(), bus.reader().unwrap());
@@ -79,10 +79,10 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     sent.for_each(|k| writer.send(&range(2, k)));
     assert_eq!(numbers(&reader.all(0)), (7..=depth + 6).collect::<Vec<_>>());
     assert_eq!(counts(&reader), (1 + u64::from(depth), 5));
-    assert_eq!(writer.unsent(), 0, "a writer waits for no reader");
+    assert_eq!(writer.unsent(), 0, "a writer does not wait for a reader");
 }
 
-/// Messages of a restarted writer are read, too; a restarted or late reader gets the messages sent afterwards.
+/// Messages of a restarted writer are also read; a restarted or late reader gets the messages sent afterwards.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
     writer.send(&range(3, 90));
@@ -105,7 +105,7 @@ fn restarts<B: Bus<Error: Debug>>(bus: &B) {
     assert!(late.all(0).is_empty());
 }
 
-/// Each message that was not awaited before wakes the reader, whether it was read or not.
+/// Each message that was not yet awaited wakes the reader, whether it was read or not.
 fn wakes<B: Bus<Error: Debug>>(bus: &B) {
     let mut writer = bus.writer().unwrap();
     writer.send(&range(6, 1));
@@ -141,7 +141,6 @@ fn shared_memory_conforms() {
 
 #[derive(Clone, Copy, Debug)]
 enum Happens {
-    /// Number of messages from the writer.
     Sends(usize),
     /// Number of the reader, and whether it reads the newest message or all.
     Reads(usize, bool),
@@ -160,7 +159,7 @@ fn happens() -> impl Strategy<Value = Happens> {
     ]
 }
 
-/// Messages and counts that the readers get during these events. Readers receive from one writer at a time:
+/// Messages and counts that the readers get during these events. Readers receive from one writer at a time, because
 /// the order of messages from two writers depends on the bus.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();

@@ -1,5 +1,5 @@
-//! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written
-//! as PGM, and detected at its position.
+//! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written as PGM,
+//! and detected at its position.
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -42,8 +42,8 @@ impl Drop for Directory {
     }
 }
 
-/// Image of the camera of a drone at rest, `k / rate_hz` after the start, with the deck at `below` in the
-/// camera's axes (right, aft, down), m.
+/// Image from the camera of a drone at rest, `k / rate_hz` after the start, with the deck at `below` in the camera's
+/// axes (right, aft, down), m.
 fn shot(k: usize, rate_hz: f64, below: Vector3<f64>) -> (Shot, Vector3<f64>) {
     let mount = CameraMount {
         position: Vector3::zeros(),
@@ -100,7 +100,7 @@ fn uvdar_process_on_files() {
     let config = directory.configuration(&format!("[uvdar]\nsource = \"{source}\"\n"));
     let (off, counts) = places(&run("uvdar", &config, "--print"), &truth);
     assert_eq!(counts["images"], 48, "{counts}");
-    // The first code is read without prior knowledge.
+    // The first code is read without prior information.
     assert!(off.len() > 12, "{counts}");
     assert!(off.iter().all(|e| *e < 1.0), "{off:?}");
 }

@@ -13,7 +13,7 @@ use serde_json::Value;
 static USERS: (Mutex<(usize, bool)>, Condvar) = (Mutex::new((0, false)), Condvar::new());
 
 thread_local! {
-    /// This thread's use of the computer, until it ends.
+    /// This thread's use of the computer, until the thread ends.
     static USE: RefCell<Option<Use>> = const { RefCell::new(None) };
 }
 
@@ -22,8 +22,8 @@ struct Use {
 }
 
 impl Use {
-    /// Waits until this thread may use the computer. A thread that waits for exclusive use does not block
-    /// other threads, which may need the computer again first.
+    /// Waits until this thread may use the computer. A thread that waits for exclusive use does not block other
+    /// threads, which may need the computer again first.
     fn begin(alone: bool) -> Use {
         let (users, changed) = &USERS;
         let free = |(users, taken): &mut (usize, bool)| *taken || alone && *users > 0;
@@ -53,8 +53,8 @@ impl Drop for Use {
     }
 }
 
-/// Reserves the computer for this test. On two processors a flight of two computers' processes with a
-/// rendered camera stops for half a second while another one starts, which ends in the autopilot's hold.
+/// Reserves the computer for this test. On two processors a flight of two computers' processes with a rendered camera
+/// stops for half a second while another flight starts, which ends in the autopilot's hold.
 pub fn alone() {
     USE.with_borrow_mut(|u| {
         *u = None;
@@ -107,7 +107,7 @@ pub fn assert_exit(out: &Output, status: &Value) {
     assert_eq!(out.status.code(), worst.map(|(code, _)| code), "{status}");
 }
 
-/// Repeats `look` until its output is `wanted`, for about two minutes at most.
+/// Repeats `look` until its output is `wanted`, for at most about two minutes.
 #[track_caller]
 pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(&Value) -> bool) -> Value {
     for _ in 0..600 {
@@ -120,7 +120,6 @@ pub fn once(what: &str, mut look: impl FnMut() -> Value, mut wanted: impl FnMut(
     panic!("{what}: timed out: {}", look());
 }
 
-/// Name of an instance that no other test uses.
 pub fn instance(test: &str) -> String {
     format!("{test}-{}", std::process::id())
 }
@@ -131,7 +130,6 @@ pub fn scratch(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("alight-{name}-{}", std::process::id()))
 }
 
-/// Starts the service `name` with its file in `directory`.
 pub fn service(name: &'static str, directory: &Path, more: &[&str]) -> Service {
     with_others();
     Service::start(name, &[env!("CARGO_BIN_EXE_alight")], directory, more).expect("starts")
@@ -157,13 +155,12 @@ pub fn free_port() -> u16 {
     socket.local_addr().expect("an address").port()
 }
 
-/// Sends `signal`, such as -STOP, to a process.
 pub fn signal(pid: u64, signal: &str) {
     let done = Command::new("kill").args([signal, &pid.to_string()]).status();
     assert!(done.expect("kill runs").success());
 }
 
-/// Makes an authority with a vessel 1 and a drone 1, using the program itself; returns its directory.
+/// Creates an authority with a vessel 1 and a drone 1, using the program itself; returns its directory.
 pub fn certificates(name: &str) -> PathBuf {
     let directory = scratch(&format!("certificates-{name}"));
     let _none = std::fs::remove_dir_all(&directory);
@@ -173,7 +170,6 @@ pub fn certificates(name: &str) -> PathBuf {
     directory
 }
 
-/// Runs `alight keys WHAT --dir DIRECTORY`.
 pub fn keys(directory: &Path, what: &str) {
     let out = run(format!("keys {what} --dir {}", directory.display()));
     assert!(out.status.success(), "alight keys {what}: {out:?}");

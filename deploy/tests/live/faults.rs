@@ -1,7 +1,6 @@
-//! Kills processes of a landing drone with real signals: `alight land` gives the order, and the tests' own
-//! firmware flies the drone behind the autopilot link. `faults` of `tests/tests/flights` lets predictor,
-//! mission, pilot and link fail at every moment in lock-step; this file tests signals, supervisor and shared
-//! memory.
+//! Kills processes of a landing drone with real signals: `alight land` gives the order, and the tests' own firmware
+//! flies the drone behind the autopilot link. `faults` of `tests/tests/flights` lets predictor, mission, pilot and
+//! link fail at every moment in lock-step; this file tests signals, supervisor and shared memory.
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
@@ -10,14 +9,14 @@ use crate::common::{instance, run};
 use crate::firmware::{FirmwareFlight, FirmwareOutcome, fly};
 use crate::landing::{directory, pid, status_when};
 
-/// Maximum time on the deck with motors on, s: the autopilot denies for 1 s, PX4 returns from its failsafe,
-/// and a restarted process searches for the evidence.
+/// Maximum time on the deck with motors on, s: the autopilot denies commands for 1 s, PX4 returns from its failsafe,
+/// and a restarted process searches for evidence of the landing.
 const MOTORS_ON_S: f64 = 5.0;
-/// Time from the first disarm during which the autopilot denies it, s; longer than a fault waits after the stop.
+/// Time from the first disarm for which the autopilot denies it, s; longer than the delay of a fault after the stop.
 const DENIES_S: f64 = 1.0;
 
-/// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the
-/// water, and every contact was soft.
+/// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the water,
+/// and every contact was soft.
 fn is_safe(flown: &FirmwareOutcome) -> bool {
     let o = &flown.outcome;
     let none = |count: &str| o[count].as_u64() == Some(0);
@@ -65,8 +64,8 @@ fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
     states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
-/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the
-/// same states.
+/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the same
+/// states.
 fn endings(list: &str, name: &str) -> [bool; 2] {
     let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
     let json = |command: String| {
@@ -129,7 +128,7 @@ fn abort_to_the_successor_of_a_killed_mission() {
     );
     let (flown, out) = std::thread::scope(|scope| {
         let flown = scope.spawn(|| fly(&name, &flight));
-        // The command is started before the fault, because it takes longer than the fault may wait.
+        // The command is started before the fault, because its start takes longer than the fault's delay.
         let first = pid(&status_when(&name, |s| pid(s, "mission").is_some()), "mission");
         status_when(&name, |s| pid(s, "mission").is_some_and(|new| Some(new) != first));
         let config = directory(&name).join("drone.toml");

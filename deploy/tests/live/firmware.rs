@@ -1,5 +1,5 @@
-//! Landings of all processes with a drone flown by the tests' own firmware, which speaks ArduPilot's JSON
-//! backend or PX4's simulator API to the world and MAVLink to `alight autopilot`, with its own origin.
+//! Landings of all processes with a drone flown by the tests' own firmware, which uses ArduPilot's JSON backend or
+//! PX4's simulator API towards the world and MAVLink towards `alight autopilot`, with its own origin.
 use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -32,11 +32,11 @@ const ORIGIN: Datum = Datum::new(43.4998, 16.3003, 3.0);
 const FIELD_DECLINATION: f64 = 0.0807;
 /// Minimum rate of gyroscope samples at which ArduCopter arms, Hz: 1.8 times its loop rate.
 const GYROSCOPES_HZ: f64 = 1.8 * 400.0;
-/// Samples per answer of PX4, which limits its rate by IMU_GYRO_RATEMAX.
+/// Number of samples per reply of PX4, whose rate is limited by IMU_GYRO_RATEMAX.
 const PX4_ANSWERS: u32 = 2;
 /// Height above the pad to which the pilot takes off, m.
 const TAKE_OFF_M: f64 = 8.0;
-/// Fraction of hover below which a commanded thrust lets the drone descend or presses it onto the deck.
+/// Fraction of hover thrust below which a commanded thrust makes the drone descend or presses it onto the deck.
 const PRESSES: f64 = 0.6;
 /// Good sensors for PX4, because the stand-in has a poor estimator.
 const GOOD_SENSORS: &str = "[drone.navigation]\ngnss_bias_m = 0.0\ngnss_noise_m = 0.02\ngnss_velocity_mps = 0.02\n\
@@ -47,7 +47,7 @@ pub struct FirmwareFlight {
     pub firmware: Firmware,
     /// Further flags of `alight land`: sea, seed, fault.
     pub flags: String,
-    /// Time from the first disarm during which the autopilot denies commands, s.
+    /// Time from the first disarm for which the autopilot denies commands, s.
     pub denies_s: f64,
 }
 
@@ -62,9 +62,7 @@ impl FirmwareFlight {
 }
 
 enum Link {
-    /// Waits for `alight autopilot` to connect.
     Tcp(TcpListener, Option<TcpStream>),
-    /// Sends to the address at which `alight autopilot` listens.
     Udp(UdpSocket),
 }
 
@@ -77,8 +75,7 @@ impl Link {
                     *stream = door.accept().ok().map(|(s, _)| s);
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
-                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes for 39
-                        // ms.
+                        // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes for 39 ms.
                         s.set_nodelay(true).unwrap();
                     });
                 }
@@ -138,7 +135,8 @@ impl Controls {
             pressed: false,
         }
     }
-    /// Advances by one slice; the motion is in this firmware's NED. Rotor outputs; None if motors are off.
+    /// Advances by one slice; the motion is in this firmware's NED frame. Returns rotor outputs; None if motors are
+    /// off.
     fn step(&mut self, f: &PlantState) -> Option<[f64; MAX_ROTORS]> {
         if self.a.is_none() {
             self.pad = f.position;
@@ -146,7 +144,7 @@ impl Controls {
         let firmware = self.flight.firmware;
         let a = self.a.get_or_insert_with(|| on_pad(firmware, f));
         let t_s = f.at.secs();
-        // The pilot arms, takes off, and then hands the drone over.
+        // The pilot arms, takes off, and then hands over the drone.
         let dt = (f.at - self.slice.replace(f.at).unwrap_or_default()).secs();
         let armable = firmware == Firmware::Px4 || 1.0 / dt >= GYROSCOPES_HZ;
         if t_s > 3.0 && armable && !self.taken_off {
@@ -155,7 +153,7 @@ impl Controls {
             self.taken_off = true;
         }
         if t_s > 12.0 && a.chosen() == mode_number(firmware, AutopilotMode::Other) {
-            // PX4 rejects the mode until set-points have arrived for some time: the pilot tries again.
+            // PX4 rejects the mode until set-points have arrived for some time, so the pilot tries again.
             let _rejected = a.choose(mode_number(firmware, AutopilotMode::Offboard));
         }
         let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
@@ -190,7 +188,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
             continue;
         };
         let mut sensed = stand_in::read_line(&String::from_utf8_lossy(&buffer[..n])).unwrap();
-        // Drops the answer to a repeated packet; otherwise each would remain in the queue.
+        // Drops the reply to a repeated packet; otherwise each would remain in the queue.
         if newest.replace(sensed.at).is_some_and(|at| sensed.at <= at) {
             continue;
         }
@@ -201,7 +199,7 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     flown
 }
 
-/// Serves PX4's simulator API until `end`, with its own estimator, because that API provides only sensors.
+/// Serves PX4's simulator API until `end`, with a separate estimator, because that API provides only sensor data.
 fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
     let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
@@ -264,8 +262,8 @@ pub struct FirmwareOutcome {
     pub autopilot: SimulatedAutopilot,
 }
 
-/// Asserts that the drone was disarmed in the mode in which it was handed over: by one command or two, and
-/// only by the forced disarm.
+/// Asserts that the drone was disarmed in the mode in which it was handed over: by one command or two, and only by
+/// the forced disarm.
 pub fn assert_disarmed(a: &SimulatedAutopilot) {
     assert!(!a.armed(), "it was not disarmed");
     let offboard = mode_number(a.firmware(), AutopilotMode::Offboard);
@@ -298,7 +296,6 @@ pub struct StandIn {
 }
 
 impl StandIn {
-    /// Starts looking for the plant.
     pub fn start(name: &str, flight: &FirmwareFlight) -> StandIn {
         let firmware = flight.firmware;
         let plant = free_port();
@@ -336,7 +333,6 @@ impl StandIn {
             config,
         }
     }
-    /// Ends the stand-in and returns the firmware's final state.
     pub fn end(self) -> SimulatedAutopilot {
         self.end.store(true, Ordering::Relaxed);
         let _removed = std::fs::remove_file(self.config);
@@ -362,7 +358,7 @@ pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
     ));
     let autopilot = stand_in.end();
     let _removed = std::fs::remove_file(scene);
-    // A computer that did not keep up proves nothing about the flight.
+    // The flight proves nothing if the computer did not keep up.
     assert_ne!(out.status.code(), Some(3), "{}", errors(&out));
     FirmwareOutcome {
         outcome: serde_json::from_str(printed(&out).lines().last().unwrap_or("null")).unwrap(),

@@ -85,12 +85,11 @@ impl GroundStation {
     }
 }
 
-/// Starts `status --watch` without a terminal.
 pub fn watch(instance: &str) -> Child {
     started(format!("status --watch --instance {instance}"))
 }
 
-/// Asserts that it has printed a line for each change and ended with the landing, with the exit code of the
+/// Asserts that the watch has printed a line for each change and ended with the landing, with the exit code of the
 /// last status.
 pub fn assert_watched(watch: Child) {
     let out = watch.wait_with_output().expect("ends");
@@ -112,7 +111,7 @@ pub fn assert_status_shown(instance: &str) {
     let page = printed(&run(format!("status --instance {instance}")));
     let fits = page.lines().count() <= 20 && page.lines().all(|l| l.chars().count() <= 80);
     assert!(fits && page.contains("mission "), "{page}");
-    // On the page, warnings of a busy computer take the place of its last lines.
+    // On the page, warnings of a busy computer take the place of the last lines.
     let all = printed(&run(format!("status --all --instance {instance}")));
     assert!(
         all.contains("processes")

@@ -1,5 +1,5 @@
-//! Hostile client on the vessel's radio during a whole landing: everything that it publishes on the keys of
-//! vessel and drone is counted and shown, and the landing continues.
+//! Hostile client on the vessel's radio during a whole landing: everything that it publishes on the keys of vessel
+//! and drone is counted and shown, and the landing continues.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,7 +17,6 @@ use serde_json::Value;
 
 use crate::landing::{directory, status_when};
 
-/// Keys of vessel 1 and drone 1 that have readers.
 const KEYS: [&str; 7] = [
     "alight/vessel-1/estimate",
     "alight/vessel-1/wave",
@@ -102,7 +101,7 @@ fn forged(key: &str, bytes: &[u8], how: usize) -> Vec<u8> {
     }
 }
 
-/// Message of the client on `key`, made from a genuine sample or from nothing.
+/// Message of the client on `key`, made from a genuine sample or from scratch.
 fn poison(dice: &mut Dice, key: &str, first: &[u8], newest: &[u8]) -> Vec<u8> {
     match dice.throw(7) {
         0 => {
@@ -216,7 +215,7 @@ impl Attack {
             ("vessel", "packets_dropped"),
         ];
         status_when(instance, |s| wanted.iter().all(|(p, f)| count(s, p, f) > 0.0));
-        // Old samples are counted in one of three ways: repeated, older than a received one, or past their time.
+        // Old samples are counted in one of three ways: repeated, older than a received one, or expired.
         status_when(instance, |s| {
             ["repeated", "out_of_order", "stale"]
                 .iter()

@@ -1,8 +1,8 @@
-//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised
-//! peer. `rehearse` flies their landing without a fault.
+//! Faults of the installed services over mutual TLS: radio silence, restarts, an order of an unauthorised peer.
+//! `rehearse` flies their landing without a fault.
 //!
-//! `deploy/packages/test` lands with the installed packages: it puts their commands, preceded by network
-//! namespace and user, into ALIGHT_VESSEL and ALIGHT_DRONE.
+//! `deploy/packages/test` lands with the installed packages: it sets ALIGHT_VESSEL and ALIGHT_DRONE to their
+//! commands, preceded by network namespace and user.
 
 use std::collections::BTreeMap;
 use std::net::UdpSocket;
@@ -35,7 +35,7 @@ const WARM_UP_S: f64 = 15.0;
 const CALIBRATION_S: u32 = 22;
 const STAY_S: f64 = 32.0;
 
-/// Program of one side with its prefix: from the environment, or this test's own.
+/// Program of one side with its prefix: from the environment, or the program under test.
 fn arguments(side: &str) -> Vec<String> {
     let mut arguments = ["nice", "-n", "-15"].map(str::to_owned).to_vec();
     match std::env::var(format!("ALIGHT_{}", side.to_uppercase())) {
@@ -138,7 +138,7 @@ impl Installed {
         let sensors = toml::Value::try_from(sensors).expect("TOML");
         table(&mut vessel, "sensor").insert("sources".into(), sensors.clone());
         drone.insert("instance".into(), instance.clone().into());
-        // In the shipped file the mission waits for a pilot first, but the simulated vehicles have none.
+        // With the shipped file the mission first waits for a pilot, but the simulated vehicles have none.
         table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
         // Destination of the simulated autopilot's MAVLink.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
@@ -194,8 +194,8 @@ impl Installed {
         let mut service = self.services.remove(name).expect("it runs");
         assert!(service.stop(), "killed: {}", self.complaints());
     }
-    /// Kills the drone's supervisor and restarts it as its service manager does: after RestartSec, once all
-    /// of its processes have ended.
+    /// Kills the drone's supervisor and restarts it as its service manager does: after RestartSec, once all of its
+    /// processes have ended.
     fn crash_supervisor(&mut self) {
         let processes = self.status()["processes"].as_array().cloned().unwrap_or_default();
         let of_drone = processes
@@ -225,7 +225,6 @@ impl Installed {
         let config = self.file("drone.toml");
         run("drone", format!("command {order} --json --config {config}"))
     }
-    /// Arguments of an operator's command from ashore, with the certificate in `keys`.
     fn ashore(&self, order: &str, keys: &str) -> String {
         let (endpoint, keys) = (&self.endpoint, self.file(keys));
         format!("command {order} --json --vessel {endpoint} --keys {keys}")
@@ -239,7 +238,6 @@ impl Installed {
         let out = run("vessel", format!("status --json --config {config}"));
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
-    /// Output of `status` once `wanted` is true.
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
         for _ in 0..200 {
             let now = self.status();
@@ -264,8 +262,8 @@ impl Installed {
     fn assert_accepted(&self, out: &Output) {
         assert!(out.status.success(), "{out:?}\n{}", self.complaints());
     }
-    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that
-    /// the status shows the attempt.
+    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that the
+    /// status shows the attempt.
     fn assert_others_rejected(&self) {
         std::thread::scope(|scope| {
             for keys in ["other/operator-1", "drone-1"] {
@@ -328,7 +326,6 @@ fn fresh(status: &Value) -> bool {
     status["link"]["age_s"].as_f64().is_some_and(|age| age < 1.0)
 }
 
-/// Lets the packages' users read the files of this test.
 fn open_to_all(directory: &Path) {
     let mut waiting = vec![directory.to_path_buf()];
     while let Some(path) = waiting.pop() {
@@ -346,7 +343,7 @@ fn open_to_all(directory: &Path) {
     }
 }
 
-// With this program instead: `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
+// For the program under test see `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
 #[test]
 #[ignore = "needs the installed packages, which deploy/packages/test makes"]
 fn landing_of_the_shipped_configurations() {
@@ -364,7 +361,6 @@ fn landing_of_the_shipped_configurations() {
     all.assert_success();
 }
 
-/// Path of the radio's datagrams between a drone and the vessel.
 struct RadioPath {
     silent: Arc<AtomicBool>,
     end: Arc<AtomicBool>,
@@ -445,7 +441,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     assert!(errors.contains("the drone is armed"), "{errors}");
     all.assert_others_rejected();
     radio_path.silence(true);
-    // Each command waits 12 s in vain for an answer.
+    // Each command waits 12 s in vain for a reply.
     let [land, abort] = ["land", "abort"].map(|order| all.ashore(order, "operator-1"));
     let landing = std::thread::spawn(|| run("drone", land));
     std::thread::sleep(Duration::from_secs(2));

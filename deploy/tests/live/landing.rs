@@ -1,4 +1,4 @@
-//! Live processes, each test with its own instance on the loopback interface.
+//! Live processes, each test with a separate instance on the loopback interface.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
@@ -66,7 +66,6 @@ pub fn status(instance: &str) -> Value {
     status
 }
 
-/// Output of `status` once `wanted` is true.
 #[track_caller]
 pub fn status_when(instance: &str, wanted: impl Fn(&Value) -> bool) -> Value {
     once("status", || status(instance), wanted)
@@ -116,7 +115,7 @@ fn assert_gone(instance: &str, pids: &[u64]) {
         let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         assert!(
             state.is_empty() || state.contains(") Z"),
-            "process {pid} is left: {state}"
+            "process {pid} still runs: {state}"
         );
     }
     let prefix = format!("alight_{instance}_");
@@ -211,7 +210,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     std::fs::remove_file(&plot).expect("removed");
 }
 
-/// Ends a process by SIGKILL; returns the status once another one has replaced it and `wanted` is true.
+/// Ends a process by SIGKILL; returns the status once a new process has replaced it and `wanted` is true.
 fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bool) -> Value {
     signal(old, "-KILL");
     status_when(instance, |s| {
@@ -219,7 +218,7 @@ fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bo
     })
 }
 
-/// Asserts that a pilot whose recorder cannot be written to continues, and records once it can.
+/// Asserts that a pilot whose recording directory cannot be written continues, and records once it can.
 fn assert_unwritable_recorder(instance: &str, log: &Path) {
     // Root ignores permissions, so a file takes the place of the directory.
     std::fs::rename(log, log.with_extension("before")).expect("moved");
@@ -329,7 +328,7 @@ fn world_that_falls_behind_real_time() {
 #[test]
 #[ignore = "two minutes: CI runs it by name"]
 fn fifty_starts_and_stops() {
-    // A start mostly waits.
+    // A start is mostly idle, so several run in parallel.
     std::thread::scope(|scope| {
         for lane in 0..3 {
             scope.spawn(move || starts_and_stops(&instance(&format!("fifty-{lane}")), (lane..50).step_by(3)));
@@ -340,13 +339,13 @@ fn fifty_starts_and_stops() {
 fn starts_and_stops(name: &str, starts: impl Iterator<Item = u64>) {
     for k in starts {
         let child = land(name, "--warm-up 600");
-        // Ended at every stage from the first file to full flight. SIGINT does not work here: processes that
-        // a shell starts in the background ignore it until their own handler is in place.
+        // Ends the program at every stage from the first file to full flight. SIGINT does not work here: processes
+        // that a shell starts in the background ignore it until their own handler is installed.
         std::thread::sleep(Duration::from_millis(37 * k % 900));
         signal(child.id(), "-TERM");
         let out = child.output();
         let errors = errors(&out);
-        // Before the handler is in place a signal ends the program at once, with nothing to clean up.
+        // Before the handler is installed a signal ends the program at once, with nothing to clean up.
         assert!(matches!(out.status.code(), Some(1) | None), "start {k}: {errors}");
         if out.status.code().is_some() {
             assert_gone(name, &[]);

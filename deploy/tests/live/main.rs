@@ -1,4 +1,5 @@
-//! The program's processes on real sockets and shared memory. No test asserts a time; timeouts only end hanging tests.
+//! The program's processes on real sockets and shared memory. No test asserts a time; timeouts only end hanging
+//! tests.
 
 // Tests of processes have to wait for them, and fail when one misbehaves.
 #![allow(

@@ -64,7 +64,7 @@ fn assert_reopens(drone: &mut Radio) {
     panic!("the watchdog did not open it again");
 }
 
-/// The drone does not read while its vessel sends without a pause; states carry a growing number.
+/// The drone does not read while its vessel sends without a pause; states carry an increasing number.
 #[test]
 fn abort_after_ten_thousand_states() {
     const STATES: &str = "alight/vessel-1/estimate";
@@ -95,7 +95,7 @@ fn abort_after_ten_thousand_states() {
                 return sent;
             }
         }
-        panic!("only {} states gave way", drone.counts().dropped);
+        panic!("only {} states were dropped", drone.counts().dropped);
     };
     let before = flood(&mut vessel, &drone, 10_000);
     vessel.send(1, b"abort".into());
@@ -123,7 +123,7 @@ fn radio_session_that_went_silent() {
     assert_exchange(&mut vessel, &mut drone, 1);
     let flow = vessel.flows()[0];
     assert_eq!(flow.bytes, flow.messages * 348, "payload and headers");
-    // A vessel's computer freezes: its session lives, but sends nothing.
+    // A vessel's computer freezes: its session remains open, but sends nothing.
     assert_reopens(&mut drone);
     assert_exchange(&mut vessel, &mut drone, 2);
 }

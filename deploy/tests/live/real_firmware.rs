@@ -1,5 +1,5 @@
-//! Landing at Moderate with the makers' own firmware at the controls of the simulated drone, if its program
-//! is on this computer. `firmware.rs` flies the same plant with the tests' own firmware.
+//! Landing at Moderate with the makers' own firmware flying the simulated drone, if its program is on this computer.
+//! `firmware.rs` flies the same plant with the tests' own firmware.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -19,13 +19,14 @@ use crate::common::{errors, free_port, printed, run};
 
 const PERSON: Address = Address::new(255, 190);
 const TAKE_OFF: u16 = 22;
-/// Height above its pad to which the pilot takes off, m.
+/// Height above the pad to which the pilot takes off, m.
 const TAKE_OFF_M: f64 = 8.0;
-/// Height above its pad beyond which the drone flies, m.
+/// Height above the pad beyond which the drone counts as flying, m.
 const FLIES_M: f64 = 2.0;
 /// Time that the firmware's estimator needs from its start, s.
 const WARM_UP_S: &str = "80";
-/// Parameters of the makers' simulators, as in docs/firmware.md; the last ones replace those of a calibrated vehicle.
+/// Parameters of the makers' simulators, as in docs/firmware.md; the last ones are values that a real vehicle gets by
+/// calibration.
 const COPTER: &str = "FRAME_CLASS 1\nFRAME_TYPE 1\nMOT_THST_EXPO 0\nMOT_SPIN_ARM 0.02\nMOT_SPIN_MIN 0.02\n\
                       MOT_SPIN_MAX 1\nGUID_OPTIONS 8\nGUID_TIMEOUT 0.3\nFS_THR_ENABLE 0\nBATT_MONITOR 4\nCOMPASS_OFS_X 5\n\
                       COMPASS_OFS_Y 13\nCOMPASS_OFS_Z -18\nCOMPASS_OFS2_X 5\nCOMPASS_OFS2_Y 13\n\
@@ -78,13 +79,13 @@ impl Link {
     }
 }
 
-/// Pilot with a ground station, who arms, takes off and hands the drone over when the firmware permits it.
+/// Pilot with a ground station, who arms, takes off and hands over the drone when the firmware permits it.
 struct Person {
     firmware: Firmware,
     link: Link,
     decoder: Decoder,
     encoder: Encoder,
-    /// Heartbeats of the firmware, one per second.
+    /// Number of heartbeats of the firmware, at 1 Hz.
     beats: u32,
     mode: u32,
     armed: bool,
@@ -120,7 +121,7 @@ impl Person {
             parameters,
         }));
     }
-    /// System number of the firmware: PX4 counts its instances.
+    /// System id of the firmware: PX4 derives it from the instance number.
     fn system(&self) -> u8 {
         match self.firmware {
             Firmware::Px4 => PX4_INSTANCE + 1,
@@ -133,7 +134,6 @@ impl Person {
             [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
         );
     }
-    /// Next action of the pilot; called at each heartbeat.
     fn act(&mut self) {
         self.send(&MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: 8,
@@ -161,7 +161,7 @@ impl Person {
                 self.command(TAKE_OFF, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, TAKE_OFF_M]);
             }
             Firmware::Px4 if !self.armed && self.aloft == 0 => self.command(command::ARM_DISARM, arm),
-            // The take-off mode and then the hold mode.
+            // Take-off mode, then hold mode.
             Firmware::Px4 if self.aloft == 0 => self.give_mode(4.0, 2.0),
             Firmware::Px4 if self.aloft > 8 && self.armed => self.give_mode(6.0, 0.0),
             Firmware::Px4 => {}
@@ -204,7 +204,7 @@ impl Person {
     }
 }
 
-/// Instance number of PX4 on this computer, on which its ports depend.
+/// Instance number of PX4 on this computer, which determines its ports.
 const PX4_INSTANCE: u8 = 7;
 
 struct Running(Child);
@@ -313,7 +313,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
 
 /// Asserts a successful landing in one of two flights: a busy computer does not keep hard real time.
 fn land(firmware: Firmware, variable: &str) {
-    // One after the other: they fly in real time.
+    // One after the other, because they fly in real time.
     static ONE: Mutex<()> = Mutex::new(());
     let program = std::env::var_os(variable).expect("it names the firmware's program");
     let program = PathBuf::from(program);

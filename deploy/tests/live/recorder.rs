@@ -1,5 +1,5 @@
-//! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time:
-//! `cargo test --release --workspace --test live -- --ignored --nocapture hundred_kills`.
+//! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time: `cargo test
+//! --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -42,7 +42,7 @@ impl Vessel {
         let directory = scratch(name);
         let _none = std::fs::remove_dir_all(&directory);
         std::fs::create_dir_all(&directory).expect("made");
-        // The memory has a directory of its own.
+        // The shared memory has a separate directory.
         let instance = instance(&format!("v-{name}"));
         let config = directory.join("vessel.toml");
         let flights = directory.join("flights");
@@ -113,7 +113,7 @@ impl Vessel {
     }
 }
 
-/// Whether the vessel's process recorded this file; its supervisor has files of its own.
+/// Whether the vessel's process recorded this file; its supervisor records separate files.
 fn is_of_the_estimator(file: &Path) -> bool {
     let name = file.file_name().and_then(|n| n.to_str()).unwrap_or_default();
     name.starts_with("vessel-") && name.ends_with(".mcap")
@@ -184,7 +184,7 @@ fn kill(vessel: &Vessel, rounds: u64) -> Vec<f64> {
             "{flight}"
         );
         let path = PathBuf::from(flight["path"].as_str().expect("a path"));
-        // Replays the flight as the kill left it, and repaired.
+        // Replays the flight first as the kill left it, then repaired.
         for _ in 0..2 {
             let out = run(format!("replay {}", path.display()));
             assert!(

@@ -1,5 +1,5 @@
-//! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial
-//! lines, the camera by its images, and a vessel's service that is killed while the drone follows.
+//! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial lines,
+//! the camera by its images, and a vessel's service that is killed while the drone follows.
 
 use std::io::{BufRead, BufReader};
 
@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::common::{alone, errors, printed, signal, started};
 use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
 
-/// Temporary files and shared memory left behind by a rehearsal with this process number.
+/// Temporary files and shared memory left behind by a rehearsal with this process id.
 fn left(pid: u32) -> Vec<String> {
     let places = [std::env::temp_dir(), "/dev/shm".into()];
     let entries = places.iter().filter_map(|p| std::fs::read_dir(p).ok()).flatten();

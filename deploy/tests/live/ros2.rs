@@ -1,5 +1,5 @@
-//! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that
-//! starts after the node, as rmw_zenohd may.
+//! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that starts
+//! after the node, as rmw_zenohd may.
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
@@ -41,7 +41,7 @@ pub fn free_tcp_port() -> u16 {
 
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// `alight ros2` and its output; SIGTERM ends it with the exit code 0.
+/// `alight ros2` and its output; SIGTERM ends it with exit code 0.
 struct Node(Child, Receiver<String>);
 
 impl Node {
@@ -109,7 +109,6 @@ fn message<T: DeserializeOwned>(from: &Receiver<Sample>, wanted: impl Fn(&T) -> 
     }
 }
 
-/// Calls a service with this attachment; returns the response with its attachment, or the error.
 fn call(session: &zenoh::Session, key: &str, attachment: &[u8]) -> Result<(Response, Vec<u8>), String> {
     let replies = session
         .get(key)
@@ -167,11 +166,10 @@ fn assert_published(client: &zenoh::Session, name: &str) {
     let key = "7/diagnostics/diagnostic_msgs::msg::dds_::DiagnosticArray_/*";
     let summary = |(_, all): &Diagnostics| all[0].1 == "drone_1: summary" && all[0].2.contains("Idle");
     let (judged, _): Diagnostics = message(&received(client, key), summary);
-    // Time of the system's clock, not since the start of computer or landing.
+    // Time of the system clock, not since the start of the computer or landing.
     assert!((judged.0.0 - header.0.0).abs() < 100, "{judged:?} {header:?}");
 }
 
-/// Attachment of a request of this age.
 fn attachment(age: Duration) -> Vec<u8> {
     let sent = SystemTime::now() - age;
     let since = sent.duration_since(SystemTime::UNIX_EPOCH).expect("after 1970");
@@ -180,8 +178,8 @@ fn attachment(age: Duration) -> Vec<u8> {
     all
 }
 
-/// Asserts that a client's request is answered by the mission's state, and that an invalid request is
-/// rejected with the reason.
+/// Asserts that a client's request is answered by the mission's state, and that an invalid request is rejected with
+/// the reason.
 fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
     let abort = format!("{name}/abort/{TRIGGER}");
     assert!(call(client, &abort, &[1, 2, 3]).is_err());
@@ -224,7 +222,7 @@ fn ros2_node_of_a_landing() {
     assert_published(&client, name);
     assert_orders(&client, name, &instance);
 
-    // Without a landing, and then without a router, the node reports that, and ends when asked to.
+    // Without a landing, and then without a router, the node reports its absence, and ends when asked to.
     drop(landing);
     let land = format!("{name}/land/{TRIGGER}");
     let ((success, text), _) = call(&client, &land, &attachment(Duration::ZERO)).expect("answered");

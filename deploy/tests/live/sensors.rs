@@ -1,5 +1,5 @@
-//! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process
-//! at the other; links and decoders have their own tests.
+//! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process at the
+//! other; links and decoders have separate tests.
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -46,7 +46,7 @@ impl Sensors {
             config,
         }
     }
-    /// Stops it as systemd does: both signals are pending, the one that asks it to end and the one that follows.
+    /// Stops the process as systemd does: both signals are pending, the request to end and the kill that follows.
     pub fn assert_stops(mut self) {
         let program = &mut self.program.0;
         for name in ["-STOP", "-TERM", "-CONT"] {
@@ -171,11 +171,11 @@ fn vessel_process_with_its_sensors() {
             std::thread::sleep(Duration::from_millis(50));
             UdpSocket::bind(&udp).is_ok()
         }),
-        "the sensors' process is left"
+        "the sensors' process still runs"
     );
     end.send(()).unwrap();
     mast.join().unwrap();
-    // Both starts of the sensors, including the killed one, compute the same measurements again.
+    // Replays of both starts of the sensors, including the killed one, compute the same measurements.
     let flight = std::fs::read_dir(&flights).unwrap().flatten().next().unwrap();
     let replay = run(format!("replay {} --json", flight.path().display()));
     assert!(replay.status.success(), "{}", errors(&replay));

@@ -1,4 +1,4 @@
-//! `alight signalk` with a Signal K server, and its deltas as a vessel's sensor.
+//! `alight signalk` with a Signal K server, and its deltas as input of a vessel's sensor.
 
 use std::net::{TcpListener, TcpStream};
 use std::process::Stdio;
@@ -17,7 +17,6 @@ fn server() -> (TcpListener, String) {
     let url = format!("ws://{}", listener.local_addr().unwrap());
     (listener, url)
 }
-/// Accepts the next client and sends it the server's greeting.
 fn client(listener: &TcpListener) -> WebSocket<TcpStream> {
     let (stream, _) = listener.accept().unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -39,7 +38,7 @@ fn signalk_client_across_a_restart_of_the_server() {
     let mut program = Running(child);
     for _ in 0..2 {
         let mut socket = client(&listener);
-        // The program neither answers this request nor takes it as an order.
+        // The program neither answers this request nor treats it as an order.
         let put =
             r#"{"requestId":"1","context":"vessels.self","put":{"path":"alight.deck.closed","value":true}}"#;
         socket.send(Message::text(put)).unwrap();

@@ -1,5 +1,5 @@
-//! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the
-//! deck's state.
+//! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the deck's
+//! state.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ impl Vessel {
         std::fs::create_dir_all(&directory).expect("made");
         let config = directory.join("vessel.toml");
         let endpoint = format!("udp/{}", free_udp());
-        // The memory has a directory of its own.
+        // The shared memory has a separate directory.
         let instance = instance(&format!("v-{name}"));
         let text = format!("vessel_id = 1\ninstance = \"{instance}\"\n[radio]\nlisten = [\"{endpoint}\"]\n");
         std::fs::write(&config, text).expect("written");
@@ -76,7 +76,6 @@ impl Vessel {
         let out = run(format!("status --json --config {}", self.config.display()));
         serde_json::from_str(&printed(&out)).unwrap_or(Value::Null)
     }
-    /// Output of `status` once `wanted` is true.
     #[track_caller]
     fn status_when(&self, what: &str, wanted: impl FnMut(&Value) -> bool) -> Value {
         common::once(what, || self.status(), wanted)
@@ -105,7 +104,7 @@ fn flight_with_a_camera_that_cannot_be_started() {
     let _none = std::fs::remove_dir_all(&directory);
     std::fs::create_dir_all(&directory).expect("made");
     let file = |name: &str| directory.join(name);
-    // Copy of the program whose execute permission can be removed: without that, not even root can run it.
+    // Copy of the program whose execute permission can be removed: without it, not even root can run the program.
     let program = file("alight");
     std::fs::copy(env!("CARGO_BIN_EXE_alight"), &program).expect("copied");
     let permit = |mode| {

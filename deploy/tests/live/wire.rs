@@ -106,7 +106,7 @@ fn foreign_program_on_the_radio() {
     assert_until("no schema is answered", || {
         !answers(&unauthorised, "alight/vessel-1/@schema/**").is_empty()
     });
-    // Only the schemas of the published topics are answered.
+    // Only the schemas of the published topics are returned.
     let mut schemas = Vec::new();
     assert_until("no schema is answered a second time", || {
         schemas = answers(&unauthorised, "alight/*/@schema/**");
@@ -125,7 +125,7 @@ fn foreign_program_on_the_radio() {
         let replies = replies.expect("asks").into_iter();
         replies.filter_map(|r| r.into_result().ok()).collect()
     };
-    assert!(newest_for(1000).is_empty(), "a question that brings so much");
+    assert!(newest_for(1000).is_empty(), "a query with so large a payload");
     let mut newest = Vec::new();
     assert_until("no message is answered", || {
         newest = newest_for(0);
@@ -136,7 +136,7 @@ fn foreign_program_on_the_radio() {
         (1, &[7; 100][..])
     );
     assert_eq!(newest[0].encoding().to_string(), encoding);
-    // It also sees which peers are present.
+    // The client also receives which peers are present.
     let alive = unauthorised.liveliness().get("alight/*").wait().expect("asks");
     let alive = alive.into_iter().filter_map(|r| r.into_result().ok());
     let alive: Vec<String> = alive.map(|s| s.key_expr().to_string()).collect();
@@ -159,7 +159,7 @@ fn foreign_program_on_the_radio() {
     );
 }
 
-/// A late drone is answered with the message that the vessel holds, whatever the vessel has broadcast since.
+/// A late drone receives the message that the vessel holds, whatever the vessel has broadcast since.
 #[test]
 fn drone_that_comes_late() {
     let keys = common::certificates("late");
@@ -195,7 +195,7 @@ fn answer_on_the_key_of_another_vessel() {
     common::keys(&keys, "vessel 2 --address 127.0.0.1");
     let endpoint = format!("quic/{}", free_udp());
     let own = |file: &str| format!("{:?}", keys.join("vessel-2").join(file).display().to_string());
-    // An admitted vessel offers messages on another's key.
+    // An admitted vessel offers messages on another peer's key.
     let intruder = foreign(&[
         ("listen/endpoints", format!("[\"{endpoint}?mixed_rel=auto\"]")),
         ("scouting/multicast/enabled", "false".into()),
@@ -291,7 +291,7 @@ fn router_with_certificates() {
     assert_exchange(&mut vessel, &mut drone, 1);
     vessel.hold(0, vec![2; 10]);
     assert!(asked(&mut drone, TRIES).is_some());
-    // A certificate of the authority without a rule in the router, which also publishes on another's key.
+    // A certificate of the authority without a rule in the router; the peer also publishes on another peer's key.
     let mut unauthorised = Radio::open(
         &of("drone-2", "vessel-1"),
         vec![
@@ -301,7 +301,7 @@ fn router_with_certificates() {
         vec![WAVE],
     )
     .expect("opens");
-    // The session is established before the assertions.
+    // The session must be established before the assertions.
     assert_until("the unauthorised peer has no session", || {
         unauthorised.send(0, vec![6; 30]);
         unauthorised.send(1, vec![6; 30]);

@@ -187,8 +187,8 @@ impl Odometry {
     /// Smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b
     /// (v_a - v)`. `counted`: whether the autopilot has counted a jump since the last call.
     ///
-    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part, `k_p / (k_p
-    /// + k_b)`. `drift` slowly removes a difference above [`LAG_M`]. A stiffer loop would add the fixes' noise to every
+    /// A drift of the autopilot's position (GNSS) that its velocity does not show is followed only in part,
+    /// `k_p / (k_p + k_b)`. `drift` slowly removes a difference above [`LAG_M`]. A stiffer loop would add the fixes' noise to every
     /// landing (6 mm of position), and without the drift the frame would have to jump, even in a flare.
     pub fn step(&mut self, reported: &DroneState, counted: bool) -> DroneState {
         let smoothed = self.smoothed(reported, counted);

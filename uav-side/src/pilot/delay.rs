@@ -1,8 +1,8 @@
 //! Predicts the drone's state at the time at which a command takes effect.
 //!
 //! Odometry is `d` old when it arrives. A command takes effect one dead time `tau` after it is sent: the link takes
-//! about `d` again, and the autopilot adds its own delay. At the frequency `w` a loop that uses the old state loses `(d
-//! + tau) w` of phase. A model driven by the commands in transit therefore predicts the state at the time at which a
+//! about `d` again, and the autopilot adds its own delay. At the frequency `w` a loop that uses the old state loses
+//! `(d + tau) w` of phase. A model driven by the commands in transit therefore predicts the state at the time at which a
 //! new command takes effect, and the plan is sampled there (Smith 1957, "Closer control of loops with dead time"; here
 //! the model restarts from each odometry sample). The dead time and time constants of the attitude are identified in
 //! [`super::response`], the dead time of the thrust by [`ThrustDelay`].

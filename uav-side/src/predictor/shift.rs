@@ -71,8 +71,8 @@ impl VisionWeight {
         }
     }
     /// Weight of vision in the deck's estimate, 0 to 1, when the positions by vision and radio are `apart` from each
-    /// other. For the product of two normal distributions with variances `S` (radio) and `V`, where `1 / whole = 1 / S
-    /// + 1 / V`, it is `S / (S + V) = 1 - whole / S`. Beyond `gate` standard deviations only the more accurate position
+    /// other. For the product of two normal distributions with variances `S` (radio) and `V`, where
+    /// `1 / whole = 1 / S + 1 / V`, it is `S / (S + V) = 1 - whole / S`. Beyond `gate` standard deviations only the more accurate position
     /// is used; None stands for the radio.
     fn weight(&self, apart: f64, gate: f64) -> Option<f64> {
         let weight = (1.0 - self.whole / self.by_radio).clamp(0.0, 1.0);

@@ -1,5 +1,3 @@
-//! Image sources of the drone's cameras.
-
 use alight_shared::config;
 
 /// Source name for images that the simulated world renders.
@@ -9,24 +7,23 @@ config! {
     /// Image source of a camera.
     pub struct CameraSource {
         /// V4L2 device (/dev/video0), PGM file or directory of PGM files, named pipe of raw grey images, or
-        /// "simulation"; empty: no camera process, another program publishes detections.
+        /// "simulation"; empty: no camera process, because another program publishes the detections.
         pub source: String = String::new();
         /// Pixel format requested from a V4L2 device: GREY, YUYV, NV12 or YU12.
         /// Source: Format of most USB cameras.
         pub format: String = "YUYV".into();
-        /// Images per second requested from a device, or shown from files.
+        /// Images per second requested from a device, or read from files.
         pub rate_hz: f64 = 30.0, in 1.0..=120.0;
-        /// Time from the middle of the exposure to the image's time stamp (V4L2: the driver's, otherwise the arrival),
-        /// s.
-        /// Chosen: half an exposure and the transfer of a USB camera.
+        /// Time from the middle of the exposure to the image's time stamp (V4L2: set by the driver, otherwise the
+        /// arrival time), s. Chosen: half an exposure and the transfer of a USB camera.
         pub delay_s: f64 = 0.02, in 0.0..=1.0;
-        /// Maximum exposure of a V4L2 device, s, up to which it is metered on the tag; 0: the device's own automatic
-        /// exposure. An exposure too long for decoding the tag from `tracking_height_m` at the planner's maximum rate
-        /// (`limits.rates_rps`) is rejected.
-        /// Chosen: motion during 4 ms is 2.6 px at 2 rad/s and 320 px of focal length; the tag is decoded with 11 px.
+        /// Maximum exposure of a V4L2 device, s; up to this value the exposure is metered on the tag. 0: the device's
+        /// own automatic exposure. An exposure is rejected if it is too long to decode the tag from
+        /// `tracking_height_m` at the planner's maximum rate (`limits.rates_rps`). Chosen: motion during 4 ms is 2.6
+        /// px at 2 rad/s and a focal length of 320 px; the tag is decoded with up to 11 px.
         pub exposure_s: f64 = 0.004, in 0.0..=0.1;
         /// Fixed gain of a V4L2 device in its own unit (v4l2-ctl --list-ctrls), which also fixes the exposure at
-        /// `exposure_s`; -1: both are metered.
+        /// `exposure_s`; -1: gain and exposure are metered.
         pub gain: i64 = -1, in -1.0..=1e6;
     }
     check |this, at| {
@@ -50,7 +47,7 @@ impl CameraSource {
     pub fn fixed_gain(&self) -> Option<f64> {
         (self.gain >= 0).then_some(self.gain as f64)
     }
-    /// Camera of the simulation if `on`, otherwise no camera.
+    /// The simulation's camera if `on`, otherwise no camera.
     pub fn of_simulation(on: bool) -> CameraSource {
         CameraSource {
             source: if on { SIMULATION.into() } else { String::new() },
@@ -60,19 +57,18 @@ impl CameraSource {
 }
 
 config! {
-    /// Image source of an ultraviolet camera; the image rate is the rate of the markers' bits.
+    /// Image source of an ultraviolet camera; its image rate is the bit rate of the markers.
     pub struct UltravioletSource {
-        /// As [`CameraSource::source`]; not the simulation, which renders markers in lock-step only.
+        /// As [`CameraSource::source`], except the simulation, which renders markers in lock-step only.
         pub source: String = String::new();
-        /// As [`CameraSource::format`].
-        /// Source: One channel behind a filter.
+        /// As [`CameraSource::format`]. Source: A single channel behind a filter.
         pub format: String = "GREY".into();
         /// As [`CameraSource::delay_s`].
         pub delay_s: f64 = CameraSource::default().delay_s;
-        /// Fixed exposure of a V4L2 device, s, short enough that only the markers reach their threshold; 0: the
+        /// Fixed exposure of a V4L2 device, s, short enough that only the markers exceed their threshold; 0: the
         /// device's own automatic exposure.
         pub exposure_s: f64 = 0.0, in 0.0..=0.1;
-        /// Gain at that exposure, in the device's own unit.
+        /// Gain at this exposure, in the device's own unit.
         pub gain: i64 = 0, in 0.0..=1e6;
     }
     check |this, at| {

@@ -1,35 +1,33 @@
-//! Addresses of autopilots and sensors in the form of MAVSDK. A listening address may name the only sender
-//! that it accepts (`?from=HOST`); a Signal K server may need a token (`?token=FILE`).
+//! Addresses of autopilots and sensors in MAVSDK's form. A listening address may name the only accepted sender
+//! (`?from=HOST`); a Signal K server may need a token (`?token=FILE`).
 
 use std::fmt;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Default ports and rates: PX4's link for companions, ArduPilot's for the first TCP client, a Pixhawk's
-/// telemetry port, Signal K's server.
+/// Default ports and rates: PX4's link for companion computers, ArduPilot's for the first TCP client, a Pixhawk's
+/// telemetry port, a Signal K server.
 const UDP_PORT: u16 = 14540;
 const TCP_PORT: u16 = 5760;
 const BAUD: u32 = 57600;
 const SIGNALK_PORT: u16 = 3000;
 /// Maximum length of a network interface's name (IFNAMSIZ without the terminator).
 const MAX_INTERFACE: usize = 15;
-/// Rates of serial ports, Bd; NMEA 0183 uses 4800.
+/// Baud rates of serial ports; NMEA 0183 uses 4800.
 const BAUDS: [u32; 12] = [
     4800, 9600, 19200, 38400, 57600, 115_200, 230_400, 460_800, 500_000, 921_600, 1_500_000, 3_000_000,
 ];
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LinkUrl {
-    /// Listens, optionally for this address only; answers the first peer.
+    /// Listens, optionally to this address only; replies to the first peer.
     UdpIn(String, Option<IpAddr>),
     UdpOut(String),
     /// Listens for one connection, optionally from this address only.
     TcpIn(String, Option<IpAddr>),
     TcpOut(String),
-    /// Device and rate, Bd.
     Serial(PathBuf, u32),
-    /// Read only.
     Can(String),
     /// Signal K server, and the file of its token if it needs one.
     SignalK(String, Option<PathBuf>),
@@ -40,8 +38,8 @@ const FORMS: &str = "write udpin://127.0.0.1:14540, udpin://0.0.0.0:14540?from=I
                      can://can0 or ws://HOST:3000, too";
 
 impl LinkUrl {
-    /// Address of an autopilot. One that listens to a whole network must name the autopilot's address;
-    /// otherwise the first sender would count as the autopilot.
+    /// Address of an autopilot. A link that listens on a whole network must name the autopilot's address; otherwise
+    /// the first sender would be taken for the autopilot.
     pub fn of_autopilot(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "and the first that sends would be taken for the autopilot: write udpin://127.0.0.1:PORT for one on this \
@@ -49,8 +47,8 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "not an autopilot's link")
     }
-    /// Address of an NMEA 0183 receiver, on any link but a boat's bus. A listening one must name the
-    /// receiver's address, because any other sender could lead the drone.
+    /// Address of an NMEA 0183 receiver, on any link except a boat's bus. A listening link must name the receiver's
+    /// address, because any other sender could steer the drone.
     pub fn of_sentences(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could lead the drone: write {text}?from=IP for a receiver at the address IP, tcpout://HOST:PORT or \
@@ -58,7 +56,7 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "not a line of NMEA 0183")
     }
-    /// Address of the drone's own GNSS receiver, with the same rules as for [`Self::of_sentences`].
+    /// Address of the drone's own GNSS receiver; the rules of [`Self::of_sentences`] apply.
     pub fn of_receiver(text: &str) -> Result<LinkUrl, String> {
         let open = format!(
             "any of which could give the drone a false place: write {text}?from=IP for a receiver at the address IP, \
@@ -66,8 +64,8 @@ impl LinkUrl {
         );
         Self::of_one_sender(text, &open, "not a GNSS receiver's line")
     }
-    /// Address of a single sender. `open` ends the error for an address that is open to all, `bus` that for a
-    /// boat's bus.
+    /// Address of a single sender. `open` completes the error for an address that is open to every sender, `bus` the
+    /// error for a boat's bus.
     fn of_one_sender(text: &str, open: &str, bus: &str) -> Result<LinkUrl, String> {
         let url: LinkUrl = text.parse()?;
         match &url {
@@ -86,14 +84,12 @@ impl LinkUrl {
     }
 }
 
-/// Whether only this computer can reach the host.
 fn is_own(at: &str) -> bool {
     let host = at.rsplit_once(':').map_or(at, |(host, _)| host);
     let address = host.trim_matches(['[', ']']).parse::<IpAddr>();
     address.map_or(host == "localhost", |a| a.is_loopback())
 }
 
-/// Serial port from an address without its scheme.
 fn serial(rest: &str) -> Result<LinkUrl, &'static str> {
     let (path, baud) = match rest.rsplit_once(':') {
         Some((path, baud)) => (path, baud.parse().map_err(|_| "not a baud rate")?),

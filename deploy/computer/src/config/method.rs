@@ -1,5 +1,5 @@
-//! Configuration keys that belong to the method: studies set them with a lab file (`--tuning`); a computer's
-//! file must not.
+//! Configuration keys that belong to the method: studies set them with a lab file (`--tuning`); a computer's file
+//! must not set them.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::config::{DroneComputerConfig, VesselComputerConfig};
 
 /// Clocks of simulated computers; real computers use the system's.
 const BENCH: &str = "clock";
-/// Tables and keys of the method, in the files of both computers.
+/// Tables and keys of the method in the files of both computers.
 const METHOD: &[&str] = &[
     BENCH,
     "autopilot.battery.for_s",
@@ -67,7 +67,7 @@ const METHOD: &[&str] = &[
     "vessel.model.slow_sd_mps_m_rad_radps",
     "vessel.model.slow_walk_mps_m_rad_radps",
 ];
-/// Keys within these tables that an installer measures or an operator decides.
+/// Keys within these tables that an installer measures or an operator chooses.
 const OF_FLIGHT: &[&str] = &[
     "autopilot.disarm.on_deck",
     "autopilot.disarm.own_landing",
@@ -81,11 +81,11 @@ const OF_FLIGHT: &[&str] = &[
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeyOwner {
-    /// Installer or operator, in the computer's file.
+    /// Set by an installer or operator, in the computer's file.
     Flight,
-    /// Study, in a lab file.
+    /// Set by a study, in a lab file.
     Method,
-    /// The simulated world.
+    /// Set by the simulated world.
     Bench,
 }
 
@@ -103,7 +103,6 @@ impl KeyOwner {
             KeyOwner::Flight
         }
     }
-    /// Part of the table `at` (dotted name) that belongs to this owner.
     fn part(self, table: &Table, at: &str) -> Table {
         let own = table.iter().filter_map(|(name, value)| {
             let key = dotted(at, name);
@@ -124,8 +123,8 @@ fn dotted(at: &str, key: &str) -> String {
     [at, key].join(if at.is_empty() { "" } else { "." })
 }
 
-/// Keys of a text and their positions, in order; none if the text is not TOML, because its parser reports
-/// that error.
+/// Keys of a text with their positions, in order; empty if the text is not TOML, because the parser reports that
+/// error.
 fn keys(text: &str) -> Vec<(usize, String)> {
     fn collect(table: &DeTable<'_>, at: &str, all: &mut Vec<(usize, String)>) {
         for (name, value) in table {
@@ -144,7 +143,7 @@ fn keys(text: &str) -> Vec<(usize, String)> {
     all
 }
 
-/// Rejects a text that has keys for which `fault` returns a reason; the error names the line of each.
+/// Rejects a text with keys for which `fault` returns a reason; the error names the line of each.
 fn reject(text: &str, origin: &str, fault: impl Fn(&str) -> Option<&'static str>) -> Result<(), ConfigError> {
     let line = |start: usize| {
         text.get(..start)
@@ -203,15 +202,14 @@ pub fn lay(over: &Table, base: &mut Table) {
     }
 }
 
-/// Divides a configuration into two files: the keys that a computer's file may set, and the keys of the
-/// method that differ from their defaults.
+/// Splits a configuration into two files: the keys that a computer's file may set, and the keys of the method that
+/// differ from their defaults.
 pub fn divided<T: Serialize + Default>(config: &T) -> Result<[Table; 2], toml::ser::Error> {
     let [all, default] = [Table::try_from(config)?, Table::try_from(T::default())?];
     let [tuned, default] = [all.clone(), default].map(|t| KeyOwner::Method.part(&t, ""));
     Ok([KeyOwner::Flight.part(&all, ""), unlike(&tuned, &default)])
 }
 
-/// Entries of `table` that differ from `other`.
 fn unlike(table: &Table, other: &Table) -> Table {
     let differing = table.iter().filter_map(|(key, value)| {
         let there = other.get(key);

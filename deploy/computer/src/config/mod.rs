@@ -45,7 +45,7 @@ config! {
         /// Radio; the vessel listens.
         /// Source: Zenoh's usual port.
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
-        /// Reservation of the deck for drones.
+        /// Reservation of the deck by drones.
         pub deck: DeckConfig;
         /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
@@ -67,7 +67,7 @@ config! {
 }
 
 impl VesselComputerConfig {
-    /// Processes in the order of their rows; the sensors' process only if sensors are configured.
+    /// Processes in data-flow order; the sensors' process only if sensors are configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let absent = self.sensor.sources.is_empty().then_some(ProcessKind::Sensors);
         let all = alight_usv::computer::PROCESSES.iter().copied();
@@ -96,13 +96,13 @@ config! {
     pub struct DroneFile {
         /// Bridge to the vessel's radio.
         pub bridge: BridgeConfig;
-        /// Predictor, mission, planner, pilot, and their parameters of drone and deck.
+        /// Predictor, mission, planner and pilot, with their parameters of drone and deck.
         pub drone: DroneSettings;
     }
 }
 
 config! {
-    /// Configuration of the drone's computer. The numbers of drone and vessel are in `[bridge]`.
+    /// Configuration of the drone's computer. `[bridge]` has the numbers of drone and vessel.
     pub struct DroneComputerConfig {
         /// Name of the set of processes that share memory.
         pub instance: String = "drone".into();
@@ -173,7 +173,7 @@ impl DroneComputerConfig {
             drone: self.drone.clone(),
         }
     }
-    /// Processes in the order of their rows; a device's process only if the device is configured.
+    /// Processes in data-flow order; a device's process only if the device is configured.
     pub fn processes(&self) -> Vec<ProcessKind> {
         let of_devices = [
             (ProcessKind::Autopilot, self.supervision.autopilot),
@@ -221,7 +221,7 @@ mod tests {
         assert_eq!(check(0.017, 320.0), Ok(()));
         let e = check(0.018, 320.0).unwrap_err();
         assert!(e.contains("`camera.exposure_s` is 0.018"), "{e}");
-        // Any usual lens permits the default exposure.
+        // Every common lens permits the default exposure.
         assert!(
             [200.0, 600.0, 1500.0, 4000.0]
                 .iter()
@@ -252,7 +252,7 @@ mod tests {
             "{e}"
         );
         assert_eq!(check("udpin://127.0.0.1:14540", true), Ok(()));
-        // Another program holds the link.
+        // Another program owns the link.
         assert_eq!(check("udpin://0.0.0.0:14540", false), Ok(()));
     }
 

@@ -1,5 +1,3 @@
-//! Viewers of a landing: a page for a browser, and Foxglove.
-
 use std::net::SocketAddr;
 
 use alight_shared::config;
@@ -11,21 +9,20 @@ pub const FOXGLOVE: &str = "127.0.0.1:8765";
 config! {
     /// View of a landing in progress: `alight view`.
     pub struct ViewConfig {
-        /// The service starts the viewers' server as one more process.
-        /// Source: For boats with a display; it takes a few per cent of a processor.
+        /// The service also starts the viewers' server. Source: For boats with a display; the server uses a few per
+        /// cent of a processor.
         pub on: bool = false;
-        /// Address of the page for browsers. On loopback only this computer can reach it; at the address of a network,
-        /// every computer there.
-        /// Source: Ours.
+        /// Address of the page for browsers. A loopback address is reachable from this computer only, a network
+        /// address from every computer of that network. Source: Ours.
         pub listen: String = PAGE.into();
         /// Address at which Foxglove connects; empty: none.
         /// Source: Foxglove's usual port is 8765.
         pub foxglove: String = String::new();
-        /// The page and `alight status` show winds and the vessel's speed in knots instead of m/s.
-        /// Source: Unit that the crew uses.
+        /// The page and `alight status` show wind and vessel speed in knots instead of m/s. Source: Unit that the
+        /// crew uses.
         pub knots: bool = false;
-        /// The page offers the crew's orders: abort on the drone's computer, closing the deck on the vessel's. Everyone
-        /// who reaches the page can give them.
+        /// The page offers the crew's orders: abort on the drone's computer, closing the deck on the vessel's. Anyone
+        /// who can open the page can give these orders.
         pub abort: bool = false;
     }
     check |this, at| {

@@ -1,10 +1,9 @@
-//! Process of the link to a real autopilot, in place of the simulated one. It passes the link's bytes to the
-//! node and back, and the node's output to the topics that predictor, mission, planner and pilot read. The
-//! supervisor keeps its checkpoint and republishes it to a restarted link. Reports of an AIS receiver and of
-//! the drone's own GNSS receiver arrive on separate links and reach the node as frames without a sender.
-//! Metrics: uncertainty of the autopilot's clock (s), rejected samples, resets of its clock, hover thrust,
-//! set-points sent, reopenings of the link, datagrams from foreign senders, RTCM frames forwarded and
-//! dropped, frames by signature.
+//! Process of the link to a real autopilot, in place of the simulated one. It passes bytes between link and node, and
+//! publishes the node's output for predictor, mission, planner and pilot. The supervisor keeps its checkpoint and
+//! republishes it to a restarted link. Reports of an AIS receiver and of the drone's own GNSS receiver arrive on
+//! separate links and reach the node as frames without a sender. Metrics: uncertainty of the autopilot's clock (s),
+//! rejected samples, resets of its clock, hover thrust, set-points sent, reopenings of the link, datagrams from
+//! foreign senders, RTCM frames forwarded and dropped, frames by signature.
 
 use std::future::pending;
 use std::sync::{Arc, Mutex};
@@ -37,10 +36,10 @@ use crate::io::{mavlink_key, runtime};
 use crate::process::args::AutopilotArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// Time without input after which a step is due.
+/// Maximum time between steps without input.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);
 
-/// Filter for the sender that counts as the autopilot over UDP; it also counts rejected signatures.
+/// Filter that identifies the autopilot among UDP senders, and counts rejected signatures.
 pub struct Speakers {
     signing: Option<Signing>,
     rejected: Arc<Mutex<Signatures>>,
@@ -48,14 +47,14 @@ pub struct Speakers {
 
 impl Speakers {
     pub fn new(signing: Option<&Signing>) -> Speakers {
-        // Signature times are not checked: an autopilot without GNSS learns the time from Alight's answers.
+        // Signature times are not checked: an autopilot without GNSS learns the time from Alight's replies.
         Speakers {
             signing: signing.map(Signing::at_any_time),
             rejected: Arc::default(),
         }
     }
-    /// Filter that accepts datagrams of the autopilot with this system number, or of any autopilot for 0. The
-    /// first accepted sender counts as the autopilot.
+    /// Filter that accepts datagrams of the autopilot with this system id, or of any autopilot if it is 0. The first
+    /// accepted sender becomes the autopilot.
     pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
         let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
         Arc::new(move |datagram| {
@@ -77,7 +76,6 @@ impl Speakers {
             frames.into_iter().any(|frame| from_autopilot(frame.from))
         })
     }
-    /// Counts of rejected frames, by signature.
     pub fn rejected(&self) -> Signatures {
         self.rejected
             .lock()
@@ -85,7 +83,6 @@ impl Speakers {
     }
 }
 
-/// Decoder of a receiver's bytes.
 trait ReceiverBytes: Default {
     fn take(&mut self, bytes: &[u8]);
     fn next_message(&mut self) -> Option<MavlinkMessage>;
@@ -116,7 +113,7 @@ struct LinkedReceiver<D> {
 }
 
 impl<D: ReceiverBytes> LinkedReceiver<D> {
-    /// Opens the link at `at`; empty: none.
+    /// Opens the link at `at`; an empty address opens none.
     async fn at(
         address: &str,
         url: fn(&str) -> Result<LinkUrl, String>,
@@ -130,7 +127,7 @@ impl<D: ReceiverBytes> LinkedReceiver<D> {
             ..LinkedReceiver::default()
         })
     }
-    /// Waits for bytes; without a receiver it never returns.
+    /// Waits for bytes; never returns without a receiver.
     async fn read(&mut self) {
         match &mut self.link {
             Some(link) => link.read(|bytes| self.decoder.take(bytes)).await,
@@ -169,7 +166,7 @@ impl Receivers {
             gnss: LinkedReceiver::at(&c.receiver, LinkUrl::of_receiver).await?,
         })
     }
-    /// Waits for bytes of any receiver; without one it never returns.
+    /// Waits for bytes of any receiver; never returns without one.
     async fn read(&mut self) {
         tokio::select! {
             () = self.ais.read() => {}
@@ -209,7 +206,7 @@ struct MavlinkEdge {
     encoder: Encoder,
     steps: Interval,
     received: Vec<MavlinkFrame>,
-    /// More frames may be waiting than one step takes.
+    /// More frames may be waiting than one step accepts.
     more: bool,
 }
 
@@ -248,14 +245,14 @@ impl Edge<AutopilotLink> for MavlinkEdge {
         out: &mut AutopilotOut,
         ports: &mut AutopilotPorts<B>,
     ) -> bool {
-        // Set-points must not wait, so the link comes first.
+        // Set-points must not wait, so the autopilot's link comes first.
         let frames = out
             .messages
             .iter()
             .filter_map(|m| self.encoder.frame(out.from, m));
         frames.for_each(|bytes| self.link.write(&bytes));
         out.rtcm.iter().for_each(|frame| self.receivers.gnss.write(frame));
-        // Signatures belong to frames, which the node does not process.
+        // Signatures are part of the frames, which the node does not process.
         let own = out.checkpoint;
         let signing = self.signing.as_ref().map(Signing::times).unwrap_or_default();
         out.checkpoint = own.map(|own| LinkCheckpoint { signing, ..own });

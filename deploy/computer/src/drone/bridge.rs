@@ -1,4 +1,4 @@
-//! Process of the drone's bridge: from Zenoh to shared memory.
+//! Process of the drone's bridge, from Zenoh to shared memory.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ use crate::process::radio_keys::{drone_key, vessel_key};
 use crate::process::radio_port::RadioPort;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
-/// Runs until stopped; sends the drone's status to the vessel twice a second.
+/// Runs until stopped; sends the drone's status to the vessel at 2 Hz.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
     runtime::block_on_with_radio(relay(args))
 }
@@ -45,7 +45,7 @@ struct RadioEdge {
     second_sender: Option<u32>,
     age_s: f64,
     received_bytes: u64,
-    /// Reports of the vessel's process for observers, and the number of invalid ones.
+    /// Process reports received from the vessel, to be republished for observers, and the number of invalid ones.
     shown: Vec<ProcessState>,
     rejected: u64,
 }
@@ -91,7 +91,7 @@ impl Edge<Bridge> for RadioEdge {
 impl ProcessEdge<Bridge> for RadioEdge {
     fn stepped(&mut self, at: &NodeView<'_, Bridge>, step: &RowStep<Bridge>) {
         let out = &step.out;
-        // Before the clocks agree, the time of an answer cannot be converted.
+        // The time of a reply cannot be converted until the clocks are synchronised.
         if at.node.offset(step.at).is_some() {
             self.port.radio.ask();
         }
@@ -103,7 +103,6 @@ impl ProcessEdge<Bridge> for RadioEdge {
         self.port.send(RadioTopic::TimeRequest, &out.time_request);
         self.port.send(RadioTopic::Status, &out.status);
     }
-    /// Adds the node's rejections by reason.
     fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
         let counts = radio.counts();
@@ -150,7 +149,7 @@ fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportErro
     })
 }
 
-/// Logs when a second computer, with this boot id, begins or stops sending as the vessel.
+/// Logs when a second computer, with this boot id, starts or stops sending as the vessel.
 fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     match second_sender {
         Some(boot) => warn!(
@@ -161,10 +160,9 @@ fn log_second_sender(vessel: u32, second_sender: Option<u32>) {
     }
 }
 
-/// Report of the vessel's process; None if the bytes are invalid.
 fn vessel_report(bytes: &[u8]) -> Option<ProcessState> {
     let report = wire::decode::<ProcessState>(bytes).ok()?;
-    // Its times are on the vessel's clock; only their difference is kept.
+    // Times in the report are on the vessel's clock; only their difference is kept.
     let (at_ns, up_ns) = (steady_ns(), report.at_ns.saturating_sub(report.began_ns));
     let began_ns = at_ns.saturating_sub(up_ns);
     (report.kind == ProcessKind::Vessel).then_some(ProcessState {

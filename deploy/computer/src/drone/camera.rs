@@ -1,10 +1,10 @@
-//! Process of one of the drone's cameras: from images to detections of the deck's tags (belly camera), or to
-//! fixes of the deck by its blinking markers (ultraviolet camera), which the predictor reads.
+//! Process of one of the drone's cameras, whose output the predictor reads. The belly camera detects the deck's tags;
+//! the ultraviolet camera fixes the deck by its blinking markers.
 //!
-//! Metrics of the belly camera: images; images with the tag, with other tags, too faint, misshapen, without a
-//! pose, of another size; contrast and saturation of the tag. Metrics of the ultraviolet camera: images;
-//! images with a fix; markers; images with a single marker, without a position, of another size. Metrics of
-//! both: time from exposure to detection (median, 99 %), times the source was reopened, exposure and gain.
+//! Metrics of the belly camera: images; images with the tag, with other tags, too faint, misshapen, without a pose,
+//! of another size; contrast and saturation of the tag. Metrics of the ultraviolet camera: images; images with a fix;
+//! markers; images with a single marker, without a position, of another size. Metrics of both cameras: time from
+//! exposure to detection (median, 99 %), reopenings of the source, exposure and gain.
 
 use std::marker::PhantomData;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -46,33 +46,30 @@ const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// Maximum number of images that wait for the node; further images are dropped.
 const QUEUE_LENGTH: usize = 2;
 const RETRY_PERIOD: Duration = Duration::from_secs(1);
-/// Time after a detection during which the light on the tag is reported.
+/// Time after a detection for which the light on the tag is still reported.
 const LIGHT_MEMORY: Span = Span::from_millis(1000);
 
-/// Minimum time between two searches for what an image has in place of the deck's tags: one takes several image periods.
+/// Minimum time between two searches for foreign tags: a search takes several image periods.
 const FOREIGN_PERIOD: Span = Span::from_millis(2000);
-/// Minimum time between two displayed images.
 const SHOW_PERIOD: Span = Span::from_millis(500);
 
 pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
-    /// Image source and its width and height, px.
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
-    /// Time of each detection, and the line to print for it.
+    /// Time of each detection, with the line to print for it.
     fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
     fn counted(&self) -> (Vec<Metric>, Value);
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
         None
     }
-    /// Search for what an image has in place of the deck's tags; None for a camera without tags.
+    /// Search for foreign tags in images without the deck's; None for a camera that does not detect tags.
     fn foreign_tags(_computer: &DroneComputerConfig) -> Option<ForeignTags> {
         None
     }
-    /// Light of the newest image; None if it is not metered.
+    /// Light of the newest image; None if the image is not metered.
     fn metered(&self) -> Option<Light> {
         None
     }
-    /// Image with the detections drawn, for display.
     fn drawn(&self, _frame: &CameraFrame, _deck: &DeckGeometry) -> Option<MarkedImage> {
         None
     }
@@ -162,7 +159,7 @@ impl Detector for UvdarNode {
     }
 }
 
-/// Displayed images; they are made only while there is a viewer.
+/// Images for display, made only while there is a viewer.
 struct Shown {
     images: ImagePublisher,
     deck: DeckGeometry,
@@ -170,8 +167,7 @@ struct Shown {
 }
 
 impl Shown {
-    /// None, with a warning, if no memory is available for the images: detection does not depend on the
-    /// display.
+    /// None, with a warning, if no memory is available for the images: detection does not depend on the display.
     fn open(memory: &Memory, deck: DeckGeometry) -> Option<Shown> {
         let opened = memory.image_publisher(ImageTopic::Marked, MAX_BYTES);
         let images = opened.inspect_err(|e| {
@@ -185,7 +181,7 @@ impl Shown {
             next: Time::EPOCH,
         })
     }
-    /// Displays an image that `node` has processed, when one is due.
+    /// Displays an image that `node` has processed, if one is due.
     fn show(&mut self, frame: &CameraFrame, node: &impl Detector) {
         let early = self.next - frame.at;
         if early > Span::ZERO && early <= SHOW_PERIOD || !self.images.is_read() {
@@ -205,7 +201,7 @@ impl Shown {
 
 enum Source {
     Simulation(ImageSubscriber),
-    /// Thread that waits for a device, a pipe or files. It receives the light of each image by number.
+    /// Thread that waits for a device, a pipe or files. It receives the light of each image by image number.
     Thread(Receiver<SourceEvent>, SyncSender<(u64, Light)>),
 }
 
@@ -217,8 +213,8 @@ impl<D: Detector> CameraEdge<D> {
                     && let Some(image) = images.next_image()
                 {
                     let [width, height] = image.header().size.map(|s| s as usize);
-                    // The image is copied only here, because the node's input outlives the slot in shared
-                    // memory. The publisher guarantees that the size in the header is the image's.
+                    // The image is copied only here, because the node's input outlives the slot in shared memory. The
+                    // publisher guarantees that the size in the header matches the image.
                     if let Ok(grey) = GreyImage::new(width, height, image.pixels().to_vec()) {
                         let at = Time::from_nanos(image.header().at_ns);
                         self.input.frames.push(CameraFrame { at, image: grey });
@@ -249,15 +245,14 @@ impl<D: Detector> CameraEdge<D> {
 }
 
 enum SourceEvent {
-    /// Image, its number, and the exposure setting if known.
     Image(CameraFrame, u64, Option<Exposed>),
-    /// The device's own automatic exposure is in use, for this reason.
+    /// Reason why the device's own automatic exposure is in use.
     Automatic(String),
     Failed(String),
     Finished,
 }
 
-/// Explanation of images without the deck's tags. The first detection proves the camera right and ends the search.
+/// Explains images without the deck's tags. The first detection proves that the camera is right and ends the search.
 #[derive(Default)]
 struct ForeignSearch {
     tags: Option<ForeignTags>,
@@ -266,7 +261,7 @@ struct ForeignSearch {
 }
 
 impl ForeignSearch {
-    /// Searches an undetected image, when a search is due. Returns a new explanation.
+    /// Searches an image without detections if a search is due. Returns a new explanation, if any.
     fn undetected(&mut self, frame: &CameraFrame) -> Option<ForeignTag> {
         let tags = self.tags.as_mut().filter(|_| frame.at >= self.next)?;
         self.next = frame.at + FOREIGN_PERIOD;
@@ -276,7 +271,6 @@ impl ForeignSearch {
     }
 }
 
-/// Light of images, reported and metered.
 #[derive(Default)]
 struct LightRecord {
     exposed: Option<Exposed>,
@@ -285,8 +279,7 @@ struct LightRecord {
 }
 
 impl LightRecord {
-    /// Records that the detector has processed an image; sends its light to `metered` with image number
-    /// `number`.
+    /// Records that the detector has processed an image; sends its light to `metered` with image number `number`.
     fn looked(
         &mut self,
         frame: &CameraFrame,
@@ -297,7 +290,7 @@ impl LightRecord {
             self.tag = Some((frame.at, tag));
         }
         if let (Some((number, lights)), Some(light)) = (metered, light) {
-            // A full queue means that the thread waits for its device; the next image is metered as well.
+            // A full queue means that the thread waits for its device; the next image is metered instead.
             let _full = lights.try_send((number, light));
         }
     }
@@ -331,7 +324,7 @@ impl LightRecord {
     }
 }
 
-/// The drone's configuration with the named source, that source, and the size of its images.
+/// The drone's configuration with the given source, that source, and the size of its images.
 fn configured<D: Detector>(
     args: &CameraArgs,
 ) -> Result<(DroneComputerConfig, CameraSource, [u32; 2]), CliError> {
@@ -400,7 +393,7 @@ struct CameraEdge<D> {
     input: CameraIn,
     number: u64,
     over: bool,
-    /// Images are recorded whole, not as hashes.
+    /// Images are recorded in full, not as hashes.
     keeps_images: bool,
     opened: u32,
     light: LightRecord,
@@ -481,7 +474,7 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
 }
 
 impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
-    /// The source alone wakes the process; this waits for it outside the runtime.
+    /// Only the source wakes the process; this waits for it outside the runtime.
     async fn arrival(&mut self, _wakes: &Wakes) -> Result<bool, CliError> {
         self.poll();
         let due = !self.input.frames.is_empty();
@@ -495,7 +488,7 @@ impl<D: Detector> AwaitedEdge<D> for CameraEdge<D> {
 /// Waits for images on a separate thread, so that the process continues to report.
 fn spawn_source(config: &CameraSource, size: [u32; 2], clock: ProcessClock) -> Result<Source, CliError> {
     let size = size.map(|s| s as usize);
-    // Bad input is rejected at once; a source that breaks later is retried.
+    // Bad input is rejected at once; a source that fails later is retried.
     let images = Images::open(config, size)?;
     let (events, received) = sync_channel(QUEUE_LENGTH);
     let (lights, metered) = sync_channel(1);
@@ -535,8 +528,7 @@ struct SourceThread {
 }
 
 impl SourceThread {
-    /// Sends images until the source breaks, and returns the reason; None if there are no more images or no
-    /// receiver.
+    /// Sends images until the source fails, and returns the reason; None if there are no more images or no receiver.
     fn show(&mut self, clock: &ProcessClock) -> Option<String> {
         loop {
             let files = matches!(self.images, Images::Files(_));
@@ -559,7 +551,7 @@ impl SourceThread {
                         None => None,
                     };
                     let image = SourceEvent::Image(frame, self.number, setting);
-                    // Files wait for the node; from a camera only the newest image is used.
+                    // Files wait for the node; of a camera's images only the newest is used.
                     if files {
                         self.events.send(image).ok()?;
                     } else if let Err(TrySendError::Disconnected(_)) = self.events.try_send(image) {
@@ -570,7 +562,7 @@ impl SourceThread {
                     let _gone = self.events.send(SourceEvent::Finished);
                     return None;
                 }
-                // The next file may be valid.
+                // A failed file does not end the source: the next file may be valid.
                 Err(CliError(why)) if files => self.events.send(SourceEvent::Failed(why)).ok()?,
                 Err(CliError(why)) => return Some(why),
             }

@@ -20,13 +20,12 @@ const MAX_BYTES: u64 = 16 << 20;
 
 pub enum Images {
     Device(Device),
-    /// In the order of their names.
+    /// PGM files of a directory, in the order of their names.
     Files(Files),
     Pipe(Pipe),
 }
 
 impl Images {
-    /// Opens the source in `config` for images of `size` (width, height), px.
     pub fn open(config: &CameraSource, size: [usize; 2]) -> Result<Images, CliError> {
         let path = Path::new(&config.source);
         let doing = format_args!("opening the camera's source {}", config.source);
@@ -68,7 +67,7 @@ impl Images {
             Images::Pipe(pipe) => pipe.next_frame(clock),
         }
     }
-    /// Exposure setting, or the reason for the device's automatic exposure; None if the exposure is not
+    /// Exposure setting, or the reason why the device's automatic exposure is in use; None if the exposure is not
     /// controlled.
     pub fn exposure(&self) -> Option<Result<Setting, String>> {
         match self {
@@ -79,7 +78,7 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => None,
         }
     }
-    /// Whether neither exposure nor gain can be increased. Uncontrolled settings count as at their limits.
+    /// Whether neither exposure nor gain can be increased. An uncontrolled setting counts as at its limit.
     pub fn at_limit(&self) -> bool {
         match self {
             Images::Device(device) => match &device.exposure {
@@ -89,7 +88,7 @@ impl Images {
             Images::Files(_) | Images::Pipe(_) => true,
         }
     }
-    /// Meters the light of image number `image`, while `newest` is the newest.
+    /// Meters image number `image` by its light; `newest` is the number of the newest image.
     pub fn meter(&mut self, image: u64, newest: u64, light: &Light) {
         if let Images::Device(device) = self
             && let Some(Ok(control)) = &mut device.exposure
@@ -143,7 +142,7 @@ impl Files {
         if early_ns > 0 {
             crate::process::supervisor::pause(std::time::Duration::from_nanos(early_ns.unsigned_abs()));
         }
-        // Images keep their schedule even if this computer is late for one, because markers blink by it.
+        // Images keep their schedule even if this computer is late for one, because markers blink on that schedule.
         let at = clock.read(self.next_ns);
         self.next_ns = (self.next_ns + self.period_ns).max(steady_ns() - MAX_LATENESS_NS);
         Ok(Some(CameraFrame { at, image }))
@@ -187,10 +186,10 @@ pub struct Device {
     camera: rscam::Camera,
     name: String,
     size: [usize; 2],
-    /// Bytes per pixel of brightness.
+    /// Bytes per pixel, the first of which is brightness.
     stride: usize,
     delay: Span,
-    /// Control of the exposure, or the reason why it is missing; None if not configured.
+    /// Exposure control, or the reason why it is missing; None if not configured.
     exposure: Option<Result<ExposureControl, String>>,
 }
 
@@ -214,7 +213,7 @@ impl Device {
                     config.format
                 ))
             })?;
-        // Some drivers reset their controls at the start of the stream.
+        // Some drivers reset their controls when streaming starts.
         let exposure = (config.exposure_s > 0.0).then(|| ExposureControl::take(&camera, config));
         Ok(Device {
             camera,
@@ -230,7 +229,7 @@ impl Device {
         let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
         let frame = self.camera.capture().doing(doing)?;
-        // The driver stamps with the system's steady clock; without a stamp the time of arrival is used.
+        // The driver stamps images with the system's steady clock; without a stamp the arrival time is used.
         let now_ns = steady_ns();
         let stamped_ns = i64::try_from(frame.get_timestamp())
             .unwrap_or(0)

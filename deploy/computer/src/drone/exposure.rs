@@ -7,7 +7,6 @@ use rscam::CtrlData;
 
 use crate::config::camera::CameraSource;
 
-/// Unit of the control exposure_time_absolute, s.
 const UNIT_S: f64 = 1e-4;
 
 pub trait Controls {
@@ -28,12 +27,12 @@ pub struct ExposureControl {
     metering: Metering,
     /// Exposure and gain are metered; otherwise they are fixed.
     metered: bool,
-    /// Control id of the gain, if there is one.
+    /// Control id of the gain, if the device has one.
     gain: Option<u32>,
 }
 
 impl ExposureControl {
-    /// Starts from the exposure and gain that the device's automatic control has set. The error completes a
+    /// Starts from the exposure and gain that the device's automatic control has set. The error text completes a
     /// sentence about the device.
     pub fn take(device: &impl Controls, config: &CameraSource) -> Result<ExposureControl, String> {
         let (range, value) = integer(device, rscam::CID_EXPOSURE_ABSOLUTE)
@@ -50,7 +49,7 @@ impl ExposureControl {
             ));
         }
         if device.query(rscam::CID_EXPOSURE_AUTO).is_ok() {
-            // Devices support one of the two modes in which a program sets the exposure time.
+            // Devices support one of these two modes in which a program sets the exposure time.
             let set = |mode: u32| device.set(rscam::CID_EXPOSURE_AUTO, mode as i32);
             set(rscam::EXPOSURE_MANUAL)
                 .or_else(|_| set(rscam::EXPOSURE_SHUTTER_PRIORITY))
@@ -100,7 +99,7 @@ impl ExposureControl {
     pub fn at_limit(&self) -> bool {
         !self.metered || self.metering.at_limit()
     }
-    /// Meters the light of the device's image number `image`, while `newest` is the newest.
+    /// Meters the device's image number `image` by its light; `newest` is the number of the newest image.
     pub fn meter(
         &mut self,
         device: &impl Controls,
@@ -152,7 +151,7 @@ mod tests {
     use alight_uav::camera::{ImageLight, TagLight};
     use std::cell::RefCell;
 
-    /// Device with controls (minimum, maximum, value), and the values that were set.
+    /// Simulated device: controls (minimum, maximum, value), and the values that were set.
     struct Device {
         controls: Vec<(u32, [i32; 3])>,
         written: RefCell<Vec<(u32, i32)>>,

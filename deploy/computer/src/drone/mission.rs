@@ -1,4 +1,4 @@
-//! Report of the mission's process on a checkpoint that it ignores.
+//! Reports that the mission's process ignores a checkpoint.
 
 use alight_shared::bus::{Edge, RowStep};
 use alight_uav::mission::MissionNode;

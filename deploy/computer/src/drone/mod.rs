@@ -40,7 +40,7 @@ pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<DroneComputerConfig>(&args.process.config)?;
     let supervision = &computer.supervision;
     if supervision.autopilot {
-        // An invalid key is rejected here, not in a process that would restart again and again.
+        // An invalid key is rejected here; the processes would restart again and again.
         mavlink_key::read("autopilot.signing_key", &computer.autopilot.signing_key)?;
     }
     computer.radio.check_zenoh()?;

@@ -1,4 +1,5 @@
-//! Metrics of the pilot's process: age of the vessel's newest measurement and of the odometry used for the set-point.
+//! Metrics of the pilot's process: ages of the newest vessel measurement and of the odometry when the set-point is
+//! computed.
 
 use alight_shared::bus::{Edge, RowStep};
 use alight_shared::metrics::{Metric, MetricName};
@@ -10,7 +11,7 @@ use crate::process::run::{NodeView, ProcessEdge};
 
 #[derive(Default)]
 pub struct Ages {
-    /// Time of the newest forecast, and the age of the vessel's measurement at that time, s.
+    /// Time of the newest forecast, and the age of the vessel measurement at that time, s.
     newest: Option<(Time<DroneClock>, f64)>,
     from_vessel: Quantiles,
     from_odometry: Quantiles,

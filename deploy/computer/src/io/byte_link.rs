@@ -14,14 +14,13 @@ use crate::exit::{CliError, Doing};
 use crate::io::link_end::{BOTH, LinkReceived, Open, open, resolve};
 use crate::io::peer::Speaks;
 
-/// First pause before a link is reopened; it doubles with each failure.
+/// Delay before a link is first reopened; doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);
 const MAX_BACKOFF: Duration = Duration::from_secs(2);
 /// Maximum number of consecutive reads: a flood must not delay the set-points.
 const MAX_READS: usize = 16;
 /// Maximum length of a datagram, or of one read from a stream, bytes.
 const MAX_READ_BYTES: usize = 2048;
-/// Maximum number of bytes per arrival.
 pub const MAX_AT_ONCE: usize = MAX_READS * MAX_READ_BYTES;
 
 pub struct ByteLink {
@@ -33,7 +32,7 @@ pub struct ByteLink {
     backoff: Duration,
     opened: u32,
     unsent: u64,
-    /// Rest of a partly sent message; it is sent before anything else.
+    /// Rest of a partly sent message, which is sent before anything else.
     rest: Vec<u8>,
     last_error: Option<String>,
 }
@@ -48,8 +47,8 @@ impl ByteLink {
     pub async fn new(url: LinkUrl) -> Result<ByteLink, CliError> {
         ByteLink::with_peer(url, None).await
     }
-    /// Link to `url`; over UDP its peer is the first sender accepted by `speaks`. An occupied port or a host
-    /// without an address is an error; an absent peer is waited for.
+    /// Link to `url`; over UDP its peer is the first sender accepted by `speaks`. An occupied port or an unknown host
+    /// is an error; an absent peer is not.
     pub async fn with_peer(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         let doing = || format!("opening {url}");
         let open = match &url {
@@ -64,8 +63,8 @@ impl ByteLink {
         };
         Ok(ByteLink::begun(url, speaks, open))
     }
-    /// Link that is used with others: an unknown host name is not an error, but is looked up until it is
-    /// known, so that the other links continue.
+    /// One of several links: an unknown host name is not an error but is looked up again until it resolves, so that
+    /// the other links continue.
     pub async fn of_several(url: LinkUrl, speaks: Option<Speaks>) -> Result<ByteLink, CliError> {
         match &url {
             LinkUrl::UdpOut(_) | LinkUrl::TcpOut(_) | LinkUrl::SignalK(..) => {
@@ -102,7 +101,7 @@ impl ByteLink {
     pub fn opened(&self) -> u32 {
         self.opened
     }
-    /// Number of datagrams from foreign senders, which are dropped.
+    /// Number of dropped datagrams from foreign senders.
     pub fn foreign(&self) -> u64 {
         match &self.open {
             Some(Open::Udp { peer, .. }) => peer.foreign(),
@@ -110,7 +109,7 @@ impl ByteLink {
             | None => 0,
         }
     }
-    /// Number of dropped datagrams, and the sender of the newest; None without any.
+    /// Number of dropped datagrams, and the newest sender; None if none was dropped.
     pub fn foreign_senders(&self) -> Option<(u64, SocketAddr)> {
         match &self.open {
             Some(Open::Udp { peer, .. }) => Some((peer.foreign(), peer.newest_foreign()?)),
@@ -121,13 +120,13 @@ impl ByteLink {
     pub fn unsent(&self) -> u64 {
         self.unsent
     }
-    /// New reason why the link could not be opened; each is returned once.
+    /// New reason why the link could not be opened; each reason is returned once.
     pub fn last_error(&mut self) -> Option<String> {
         self.last_error.take()
     }
 
-    /// Waits for bytes and passes all of them to `take`. Also returns, without bytes, after a connection, an
-    /// end or a failure. Cancelling the wait loses nothing.
+    /// Waits for bytes and passes all of them to `take`. Also returns, without bytes, after a connection, an end of
+    /// stream or a failure. Cancelling the wait loses nothing.
     pub async fn read(&mut self, mut take: impl FnMut(&[u8])) {
         let Some(open) = &self.open else {
             return self.reopen().await;
@@ -164,7 +163,7 @@ impl ByteLink {
     ) -> bool {
         match received {
             Ok(LinkReceived::Bytes(n, from)) => {
-                // A link that opens and breaks at once counts like one that does not open.
+                // A link that breaks as soon as it opens counts as a failure to open.
                 self.backoff = INITIAL_BACKOFF;
                 let bytes = buffer.get(..n).unwrap_or_default();
                 if from.is_none_or(|from| self.is_from_peer(from, bytes)) {
@@ -187,7 +186,7 @@ impl ByteLink {
                 self.last_error = Some(format!("{}: a connection from {by} is rejected", self.url));
                 false
             }
-            // ICMP answer to sent data when nothing listens at the destination yet.
+            // ICMP reply to sent data while nothing listens at the destination.
             Err(e) if matches!(e.kind(), ErrorKind::ConnectionRefused | ErrorKind::Interrupted) => true,
             Err(e) => {
                 self.failed(&e);
@@ -225,7 +224,7 @@ impl ByteLink {
         self.next_try = Instant::now() + self.backoff;
         self.backoff = (2 * self.backoff).min(MAX_BACKOFF);
     }
-    /// Handles a broken link: a listener stays open, other links are reopened.
+    /// Handles a broken link: a listener stays open, any other link is reopened.
     fn failed(&mut self, why: &io::Error) {
         self.rest.clear();
         self.open = match self.open.take() {
@@ -245,8 +244,8 @@ impl ByteLink {
         }
     }
 
-    /// Sends one message, whole or not at all. If the line cannot take it now, it is dropped and counted,
-    /// because a late set-point is worse than none. The rest of a partly sent message goes first.
+    /// Sends one message in full or not at all. If the line cannot accept it now, it is dropped and counted, because
+    /// a late set-point is worse than none. The rest of a partly sent message goes first.
     pub fn write(&mut self, message: &[u8]) {
         if !self.rest.is_empty() {
             let rest = core::mem::take(&mut self.rest);
@@ -268,7 +267,7 @@ impl ByteLink {
             }
         }
     }
-    /// Number of bytes that the line takes now: all if there is no peer, none if it is full.
+    /// Number of bytes that the line accepts now: all if there is no peer, none if the line is full.
     fn put(&self, bytes: &[u8]) -> io::Result<usize> {
         let written = self.open.as_ref().and_then(|open| open.write_now(bytes));
         written.unwrap_or(Ok(bytes.len()))

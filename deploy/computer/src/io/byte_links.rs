@@ -1,4 +1,4 @@
-//! Several byte links, each read and written by its own task.
+//! Several byte links; a separate task reads and writes each.
 
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
@@ -7,7 +7,7 @@ use tokio::sync::mpsc;
 
 use crate::io::byte_link::ByteLink;
 
-/// Maximum number of arrivals that wait for the reader; further bytes wait in the system's buffers.
+/// Maximum number of arrivals that wait for the reader; further bytes remain in the system's buffers.
 const MAX_WAITING: usize = 16;
 const MAX_UNSENT: usize = 16;
 
@@ -27,7 +27,7 @@ pub struct ByteLinks {
 }
 
 impl ByteLinks {
-    /// Starts reading the links inside a tokio runtime; dropping the value ends the tasks.
+    /// Starts reading the links inside a tokio runtime; the tasks end when the value is dropped.
     pub fn start(links: impl IntoIterator<Item = (usize, ByteLink)>) -> ByteLinks {
         let (to, arrivals) = mpsc::channel(MAX_WAITING);
         let start = |(number, link)| {
@@ -44,11 +44,10 @@ impl ByteLinks {
             None => core::future::pending().await,
         }
     }
-    /// Next event that has already arrived.
     pub fn arrived(&mut self) -> Option<ByteArrival> {
         self.arrivals.try_recv().ok()
     }
-    /// Sends a message on a link, or drops it if the link's queue is full.
+    /// Sends a message on a link; drops it if the link's queue is full.
     pub fn write(&self, link: usize, message: &[u8]) {
         let _lost = self.out.get(&link).map(|to| to.try_send(message.to_vec()));
     }

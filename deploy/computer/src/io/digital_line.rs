@@ -1,8 +1,8 @@
 //! Digital line: a file that contains 0 or 1, or a line of the kernel's GPIO character device.
 //!
-//! `/dev/gpiochip0:17` is line 17 of that chip, active high; `/dev/gpiochip0:17:active-low` is pulled up and
-//! active at ground, as for a switch to ground or a lamp from the supply. Any other text is the path of a
-//! file, such as `/sys/class/leds/helm/brightness`, or one through which a program drives another interface.
+//! `/dev/gpiochip0:17` is line 17 of that chip, active high; `/dev/gpiochip0:17:active-low` has a pull-up and is
+//! active at ground, as for a switch to ground or a lamp fed from the supply. Any other text is the path of a file,
+//! such as `/sys/class/leds/helm/brightness`, or of a file through which a program drives another interface.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
@@ -49,7 +49,7 @@ pub struct DigitalLine {
 }
 
 impl DigitalLine {
-    /// An invalid name is an error at each use.
+    /// An invalid name is reported as an error at each use.
     pub fn new(name: &str) -> DigitalLine {
         DigitalLine {
             place: Place::of(name),
@@ -134,7 +134,7 @@ fn write_file(path: &Path, level: bool) -> Result<(), String> {
         .map_err(|e| e.to_string())
 }
 
-/// Excludes pipes and devices, which may block for ever; files of sysfs are regular.
+/// Rejects pipes and devices, which may block forever; files of sysfs are regular.
 fn is_regular(path: &Path) -> Result<(), String> {
     let regular = fs::metadata(path).map_err(|e| e.to_string())?.is_file();
     regular.then_some(()).ok_or_else(|| "not a regular file".into())

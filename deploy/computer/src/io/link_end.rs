@@ -27,19 +27,18 @@ use crate::io::web_socket::{self, SocketEnding};
 const CONNECT: Duration = Duration::from_millis(300);
 pub const BOTH: Interest = Interest::READABLE.add(Interest::WRITABLE);
 
-/// Open end with a non-blocking descriptor: reads wait in tokio, writes do not wait.
+/// Open end with a non-blocking descriptor: reads wait in tokio, writes never wait.
 pub enum Open {
     Udp {
         socket: AsyncFd<UdpSocket>,
         peer: LinkPeer,
     },
     Listening(LinkListener),
-    /// Connection, and the listener that accepted it, if any.
     Tcp(AsyncFd<TcpStream>, Option<LinkListener>),
     Serial(AsyncFd<File>),
-    /// Interface and its name; one line per frame, nothing is sent.
+    /// Interface and its name; yields one line per frame, sends nothing.
     Can(AsyncFd<File>, String),
-    /// Signal K server, one line per message, and the reason why it ended; nothing is sent.
+    /// Signal K server, which yields one line per message, and the reason why it ended; sends nothing.
     Lines(AsyncFd<File>, SocketEnding),
 }
 
@@ -53,7 +52,6 @@ pub enum LinkReceived {
     /// Number of bytes in the buffer, and the sender of a datagram.
     Bytes(usize, Option<SocketAddr>),
     Peer(TcpStream),
-    /// Rejected connection from a foreign address.
     Foreign(SocketAddr),
 }
 
@@ -115,7 +113,7 @@ impl Open {
             Poll::Pending => None,
         }
     }
-    /// Writes part of a stream's bytes as soon as the line accepts some.
+    /// Writes as many of a stream's bytes as the line accepts, once it accepts any.
     pub async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,
@@ -182,7 +180,6 @@ fn udp(at: SocketAddr, peer: LinkPeer) -> io::Result<Open> {
     })
 }
 
-/// A read of zero bytes is the end of a stream.
 fn ended(read: io::Result<usize>) -> io::Result<usize> {
     match read {
         Ok(0) => Err(io::Error::new(
@@ -208,12 +205,12 @@ pub fn serial(path: &Path, baud: u32) -> io::Result<File> {
         .write(true)
         .custom_flags(flags.bits().cast_signed())
         .open(path)
-        // TIOCEXCL below has this effect for all but root.
+        // A port locked by TIOCEXCL below is busy for every user except root.
         .map_err(|e| match e.kind() {
             ErrorKind::ResourceBusy => in_use(),
             _ => e,
         })?;
-    // Excludes Alight's own programs, even as root; TIOCEXCL excludes any other that opens the port later.
+    // Excludes Alight's own programs, even as root; TIOCEXCL excludes any other program that opens the port later.
     flock(&port, FlockOperation::NonBlockingLockExclusive).map_err(|e| match e {
         Errno::WOULDBLOCK => in_use(),
         e => e.into(),

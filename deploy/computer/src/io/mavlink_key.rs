@@ -15,7 +15,7 @@ const MAX_BYTES: u64 = 1024;
 const FROM_1970: i64 = 142_007_040_000_000;
 const DIGITS: usize = 64;
 
-/// Key in the file at `path`, the value of the configuration key `key`; None if it is empty.
+/// Key in the file at `path`, the value of configuration key `key`; None if the path is empty.
 pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     if path.is_empty() {
         return Ok(None);
@@ -39,7 +39,7 @@ pub fn read(key: &str, path: &str) -> Result<Option<Signing>, CliError> {
     }
 }
 
-/// Time in the unit of signatures, 10 us since the first of January 2015; 0 before that.
+/// Time in the unit of signatures, 10 us since 1 January 2015; 0 before that date.
 fn time() -> u64 {
     u64::try_from(wall_ns() / 10_000 - FROM_1970).unwrap_or(0)
 }
@@ -94,7 +94,6 @@ mod tests {
     use alight_uav::autopilot::message::{Address, MavlinkMessage};
     use alight_uav::autopilot::wire::{Decoder, Encoder};
 
-    /// SHA-256 of "abc", from FIPS 180-2.
     const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
     fn read_from(text: &str) -> Result<Option<Signing>, CliError> {

@@ -1,6 +1,6 @@
-//! Peer of a UDP link, which accepts datagrams of one sender at a time. On a listening link the peer is the
-//! first sender of valid messages from the permitted address; another replaces it only after a silence. A
-//! single sender may use a new port for each datagram; its ports do not recur, while those of two senders do.
+//! Peer of a UDP link, which accepts datagrams of one sender at a time. On a listening link the peer is the first
+//! sender of valid messages from the permitted address; another sender replaces it only after a silence. A single
+//! sender may use a new port for each datagram; its ports do not recur, whereas the ports of two senders do.
 
 use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
@@ -13,10 +13,10 @@ use tracing::{info, warn};
 pub const PEER_TIMEOUT: Duration = Duration::from_secs(5);
 const MAX_NAMED: usize = 8;
 
-/// Number of consecutive new ports of one address, without recurrence, that indicates a single sender.
+/// Number of consecutive new ports of one address, without recurrence, that identifies a single sender.
 const NEW_PORTS: usize = 4;
-/// Number of remembered ports per address; more programs on one computer, each with its own port, look like
-/// one sender.
+/// Number of remembered ports per address; more programs on one computer, each with its own port, look like one
+/// sender.
 const MAX_PORTS: usize = 8;
 
 /// Whether a datagram may make its sender the peer.
@@ -57,7 +57,7 @@ impl Ports {
         }
         self.known.push(port);
     }
-    /// Whether the ports belong to one sender that changes its port.
+    /// Whether these are the ports of one sender that changes its port.
     fn change(&self) -> bool {
         self.new >= NEW_PORTS
     }
@@ -130,8 +130,7 @@ impl LinkPeer {
         self.from.is_none_or(|from| from == sender.ip().to_canonical())
             && self.speaks.as_ref().is_none_or(|speaks| speaks(datagram))
     }
-    /// Whether a sender at the peer's address is the peer with yet another port. Such a sender may send any
-    /// kind of message.
+    /// Whether a sender at the peer's address is the peer on a new port. Such a sender may send any kind of message.
     fn is_own(&mut self, sender: SocketAddr, may: bool) -> bool {
         let before = self.ports.change();
         if may {

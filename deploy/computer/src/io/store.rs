@@ -1,5 +1,5 @@
-//! Small file that outlives the process. A separate thread writes it at each change, because a disk may take
-//! seconds. The next start finds the old state or the new one.
+//! Small file that outlives the process. A separate thread writes it at each change, because a disk may take seconds.
+//! The next start finds either the old state or the new one.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read as _, Write as _};
@@ -38,8 +38,8 @@ pub fn read(path: &Path) -> io::Result<Option<Vec<u8>>> {
     Ok(Some(bytes))
 }
 
-/// Replaces a file atomically: a reader finds the old content or the new one. With `synced` the new content
-/// is on the disk before this returns.
+/// Replaces a file atomically: a reader finds either the old content or the new one. If `synced`, the new content is
+/// on the disk before this returns.
 pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     let mut new = path.as_os_str().to_owned();
     new.push(".new");
@@ -55,7 +55,7 @@ pub fn replace(path: &Path, bytes: &[u8], synced: bool) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a renaming or removal survive a power cut.
+/// Makes a rename or removal survive a power cut.
 fn sync_directory(path: &Path) -> io::Result<()> {
     File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all()
 }
@@ -68,12 +68,12 @@ pub fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// Description of a file's content, and of the effect of a failure to replace it, for messages.
+/// Description of a file's content, and the consequence of a failure to replace it, for messages.
 #[derive(Clone, Copy, Debug)]
 pub struct Holds {
     pub what: &'static str,
     pub lost: &'static str,
-    /// The file is removed if it cannot be replaced, because the next start would trust an outdated one.
+    /// The file is removed if it cannot be replaced, because the next start would trust an outdated state.
     pub misleads: bool,
 }
 
@@ -86,7 +86,7 @@ pub struct Store {
 }
 
 impl Store {
-    /// Store for the file at `path`, which contains `found`. `unsaved`: an unwritten state, and why.
+    /// Store for the file at `path`, which contains `found`. `unsaved`: a state not written yet, and the reason.
     pub fn open(
         path: PathBuf,
         found: Vec<u8>,
@@ -112,7 +112,7 @@ impl Store {
             error,
         })
     }
-    /// Queues this state for the disk; false if too many states wait, and the next call tries again.
+    /// Queues this state for the disk; false if the queue is full, in which case the caller tries again.
     pub fn keep(&mut self, state: Vec<u8>) -> bool {
         if state == self.newest {
             return true;
@@ -148,7 +148,6 @@ struct StoredFile {
 }
 
 impl StoredFile {
-    /// Writes the newest state until the sender ends.
     fn write_all(&mut self, states: &Receiver<Vec<u8>>) {
         while let Some(next) = self.next(states) {
             let newest = states.try_iter().last().unwrap_or(next);
@@ -188,7 +187,7 @@ impl StoredFile {
     }
 }
 
-/// Removes a file that no start may trust any more.
+/// Removes a file that no later start may trust.
 pub fn discard(path: &Path) {
     if let Err(e) = remove(path) {
         warn!(

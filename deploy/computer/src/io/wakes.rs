@@ -18,7 +18,6 @@ impl Wakes {
         let watch = |listener| watched(listener, Interest::READABLE).doing("waiting for messages");
         Ok(Wakes(wakes.into_iter().map(watch).collect::<Result<_, _>>()?))
     }
-    /// Waits until a listener has a message.
     pub async fn woken(&self) -> Result<(), CliError> {
         let woken = poll_fn(|cx| {
             let mut woken = Poll::Pending;

@@ -2,7 +2,7 @@
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Nanoseconds since 1970 by the system's clock, which its time service may set; 0 if the clock is earlier.
+/// Nanoseconds since 1970 by the system clock, which a time service may set; 0 if the clock is earlier.
 #[allow(clippy::disallowed_methods)]
 pub fn wall_ns() -> i64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);

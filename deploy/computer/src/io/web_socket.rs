@@ -1,5 +1,5 @@
-//! WebSocket to a Signal K server, with text messages both ways. A silent server is pinged; without an answer
-//! the connection is closed.
+//! WebSocket to a Signal K server, with text messages both ways. A silent server is pinged; without a reply the
+//! connection is closed.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
@@ -18,11 +18,11 @@ use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
 use tokio_tungstenite::tungstenite::{Error, Message};
 use tokio_tungstenite::{WebSocketStream, client_async_with_config};
 
-/// Timeout of a connection, including the name lookup and the server's answer.
+/// Timeout of a connection, including the name lookup and the server's reply.
 const CONNECT: Duration = Duration::from_secs(3);
 const SEND: Duration = Duration::from_secs(3);
-/// Silence after which the server is pinged, and after the same time again the connection is closed. A server
-/// pings every 30 s.
+/// Silence after which the server is pinged; after the same time again the connection is closed. A server pings every
+/// 30 s.
 const SILENT: Duration = Duration::from_secs(10);
 const MAX_REASON: usize = 120;
 const MAX_TOKEN: u64 = 4096;
@@ -41,7 +41,7 @@ pub struct SignalKSocket {
 }
 
 impl SignalKSocket {
-    /// Connects to the server at `host` (`HOST:PORT`), with the token from a file if it needs one.
+    /// Connects to the server at `host` (`HOST:PORT`), with the token in a file if one is needed.
     pub async fn connect(
         host: &str,
         subscribe: Subscribe,
@@ -51,7 +51,7 @@ impl SignalKSocket {
             Subscribe::Own => "self",
             Subscribe::None => "none",
         };
-        // A value that the server received long ago is not a measurement.
+        // A value that the server cached long ago is not a measurement.
         let url = format!("ws://{host}/signalk/v1/stream?subscribe={subscribe}&sendCachedValues=false");
         let mut request = url.into_client_request().map_err(io::Error::other)?;
         if let Some(file) = token {
@@ -120,19 +120,19 @@ impl SignalKSocket {
     }
 }
 
-/// Reason why a stream of lines ended, once it has.
+/// Reason why a stream of lines ended; empty while it runs.
 #[derive(Clone, Debug, Default)]
 pub struct SocketEnding(Arc<OnceLock<io::Error>>);
 
 impl SocketEnding {
-    /// Reason of the end, or the reader's `error` if it is unknown.
+    /// Reason of the end, or the reader's `error` if no reason is recorded.
     pub fn reason(&self, error: io::Error) -> io::Error {
         let known = self.0.get();
         known.map_or(error, |e| io::Error::new(e.kind(), e.to_string()))
     }
 }
 
-/// Messages about the server's own vessel as lines of a stream, which ends with the connection.
+/// Messages about the server's own vessel as a stream of lines, which ends with the connection.
 pub async fn lines(host: &str, token: Option<&Path>) -> io::Result<(File, SocketEnding)> {
     let mut socket = SignalKSocket::connect(host, Subscribe::Own, token).await?;
     let (ours, theirs) = UnixStream::pair()?;
@@ -169,7 +169,7 @@ async fn write(stream: &UnixStream, mut bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Authorization header with the token in the single line of `file`.
+/// Authorization header with the token, which is the single line of `file`.
 fn authorization(file: &Path) -> io::Result<HeaderValue> {
     let doing = |e: io::Error| io::Error::new(e.kind(), format!("reading the token {}: {e}", file.display()));
     let metadata = fs::metadata(file).map_err(doing)?;
@@ -200,14 +200,13 @@ fn closed(close_reason: &str) -> io::Error {
     io::Error::new(ErrorKind::UnexpectedEof, why)
 }
 
-/// Error for a failed WebSocket handshake.
 fn rejected(e: &Error) -> io::Error {
     let what = match e {
         Error::Http(answer) if matches!(answer.status().as_u16(), 401 | 403) => {
             "the server asks for a token: let its administrator make one, and add ?token=FILE to the address"
                 .into()
         }
-        Error::Http(answer) => format!("the server answers {}: it is no Signal K server", answer.status()),
+        Error::Http(answer) => format!("the server answers {}: not a Signal K server", answer.status()),
         e => e.to_string(),
     };
     io::Error::new(ErrorKind::ConnectionAborted, what)
@@ -220,7 +219,7 @@ mod tests {
     use tokio_tungstenite::accept_hdr_async;
     use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
 
-    /// Stand-in for a server: it receives a client's messages, sends its own, and ends.
+    /// Simulated server: receives a client's messages, sends its own, and ends.
     async fn server(
         listener: TcpListener,
         messages: Vec<Message>,
@@ -290,7 +289,7 @@ mod tests {
 
     #[tokio::test]
     async fn signalk_server_that_asks_for_a_token() {
-        for (status, why) in [(401, "?token=FILE"), (404, "no Signal K server")] {
+        for (status, why) in [(401, "?token=FILE"), (404, "not a Signal K server")] {
             let (listener, host) = listening().await;
             let server = tokio::spawn(server(listener, Vec::new(), Some(status)));
             let connected = SignalKSocket::connect(&host, Subscribe::Own, None).await;

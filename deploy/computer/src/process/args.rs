@@ -1,5 +1,3 @@
-//! Flags of the processes.
-
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
@@ -9,7 +7,7 @@ use tracing::warn;
 use crate::config::view::{FOXGLOVE, ViewConfig};
 use crate::process::scheduling;
 
-/// A process.
+/// Flags of every process.
 #[derive(Args, Clone, Debug)]
 pub struct ProcessArgs {
     /// The computer's configuration (TOML)
@@ -18,7 +16,7 @@ pub struct ProcessArgs {
     /// Record into this flight's directory, instead of a new one below recorder.directory
     #[arg(long, alias = "log", hide = true, value_name = "DIR")]
     pub flight: Option<PathBuf>,
-    /// End when standard input closes: a supervisor that dies takes its processes with it
+    /// End when standard input closes, so that processes end with their supervisor
     #[arg(long, hide = true)]
     pub supervised: bool,
     /// Scheduling of the process.
@@ -26,7 +24,7 @@ pub struct ProcessArgs {
     pub scheduling: Scheduling,
 }
 
-/// A recording to write, whose name has to end in .mcap.
+/// Path of a recording to write; the name must end in .mcap.
 pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("mcap")) {
@@ -35,7 +33,6 @@ pub fn mcap_file(text: &str) -> Result<PathBuf, String> {
     Err("recordings are MCAP: choose a name that ends in .mcap".into())
 }
 
-/// Parses the address of a viewer's server.
 pub fn page_address(text: &str) -> Result<SocketAddr, String> {
     let why = "an address and a port, such as 127.0.0.1:7450; a file comes before the flag";
     text.parse().map_err(|_| why.into())
@@ -73,30 +70,27 @@ impl ViewArgs {
     }
 }
 
-/// A service of a computer: its process, and its viewers.
+/// Flags of a computer's service.
 #[derive(Args, Debug)]
 pub struct ServiceArgs {
-    /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
-    /// Addresses at which viewers are served, if any.
     #[command(flatten)]
     pub view: ViewArgs,
 }
 
-/// Scheduling that a supervisor asks of its process.
+/// Scheduling that a supervisor requests for its process.
 #[derive(Args, Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scheduling {
     /// Real-time priority (SCHED_FIFO)
     #[arg(long, hide = true, value_name = "PRIORITY")]
     pub realtime: Option<u8>,
-    /// Processors to keep to
+    /// Processors on which the process may run
     #[arg(long, hide = true, value_delimiter = ',', value_name = "NUMBERS")]
     pub processors: Vec<u16>,
 }
 
 impl Scheduling {
-    /// Drops the priority if the system does not permit it.
     pub fn where_permitted(&self, permitted: bool) -> Scheduling {
         Scheduling {
             realtime: self.realtime.filter(|_| permitted),
@@ -114,10 +108,9 @@ impl Scheduling {
         }
         flags
     }
-    /// Applies the scheduling to this thread and to the threads that it starts later.
     pub fn apply(&self) {
         if !self.processors.is_empty() && !scheduling::keep_to(&self.processors) {
-            warn!("processors {:?}: not permitted, or not there", self.processors);
+            warn!("processors {:?}: not permitted or absent", self.processors);
         }
         if self.realtime.is_some_and(|p| !scheduling::set_real_time(p)) {
             warn!("real-time priority {:?} is not permitted", self.realtime);
@@ -128,7 +121,6 @@ impl Scheduling {
 /// One of the drone's cameras.
 #[derive(Args, Debug)]
 pub struct CameraArgs {
-    /// The process.
     #[command(flatten)]
     pub process: ProcessArgs,
     /// Source of images, instead of camera.source or uvdar.source

@@ -1,6 +1,6 @@
-//! Store of the nodes' checkpoints while their processes restart. The supervisor runs it, because it lives as
-//! long as the flight; a small file keeps the checkpoints through a crash of the supervisor. The flight's
-//! task also survives a reboot of the computer, in a file on the disk.
+//! Store of the nodes' checkpoints across restarts of their processes. The supervisor runs it, because it lives as
+//! long as the flight; a small file keeps the checkpoints through a crash of the supervisor. The flight's task also
+//! survives a reboot of the computer, in a file on the disk.
 
 use std::fs;
 use std::path::PathBuf;
@@ -17,9 +17,9 @@ use crate::io::store::{Holds, Store, read, remove, replace};
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 /// Period at which the file is written: a tenth of the shortest validity of a checkpoint.
 const FILE_PERIOD: Span = Span::from_millis(50);
-/// Replaces the boot id in a file that is valid after any boot.
+/// Value in place of the boot id in a file that is valid after any reboot.
 const ANY_BOOT: &str = "";
-/// Minimum period of writes of the lasting state, because the times of signed frames change with each frame.
+/// Minimum time between writes of the lasting state, because signature times change with each frame.
 const LASTING_PERIOD: Span = Span::from_millis(1000);
 
 /// Keeps the checkpoints of predictor, mission and link.
@@ -30,7 +30,6 @@ pub struct PersistentCheckpoints {
 }
 
 impl PersistentCheckpoints {
-    /// A store without checkpoints.
     pub fn join(memory: &Memory) -> Result<PersistentCheckpoints, CliError> {
         Ok(PersistentCheckpoints {
             kept: Republisher::join(memory, CheckpointStore::default())?,
@@ -44,7 +43,7 @@ impl PersistentCheckpoints {
         self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.store_mut()));
         self
     }
-    /// Restores the checkpoints of a crashed supervisor from the file at `path`, and keeps them there.
+    /// Restores the checkpoints of a crashed supervisor from the file at `path`, and continues to write them there.
     #[must_use]
     pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> PersistentCheckpoints {
         self.file = CheckpointFile::open(path);
@@ -53,11 +52,11 @@ impl PersistentCheckpoints {
         }
         self
     }
-    /// Deletes the files, because the supervisor was asked to end.
+    /// Deletes the files after an orderly request to end.
     pub fn forget(self) {
         // If this fails, the file's checkpoints soon become too old.
         let of_supervisor = self.file.map(|file| file.path);
-        // A pending write would create the file again.
+        // A pending write would recreate the file.
         let of_flight = self.lasting.map(|LastingFile { path, store, .. }| {
             drop(store);
             path
@@ -78,8 +77,8 @@ impl PersistentCheckpoints {
     }
 }
 
-/// File in the instance's directory. On an installed computer this is in memory (tmpfs), so a write does not
-/// wait for a disk. It needs no synchronisation, because a file of another boot is invalid.
+/// File in the instance's directory. On an installed computer this directory is in memory (tmpfs), so a write does
+/// not wait for a disk. The file needs no synchronisation, because a file of an earlier boot is invalid.
 struct CheckpointFile {
     path: PathBuf,
     computer_boot: String,
@@ -100,7 +99,7 @@ impl CheckpointFile {
                 failed: false,
             }),
             Err(e) => {
-                warn!("no checkpoint outlives the supervisor: reading {COMPUTER_BOOT}: {e}");
+                warn!("checkpoints are lost if the supervisor crashes: reading {COMPUTER_BOOT}: {e}");
                 None
             }
         }
@@ -110,8 +109,8 @@ impl CheckpointFile {
         match read(&self.path) {
             Ok(None) => {}
             Ok(Some(bytes)) => match checkpoints.restore(now, &self.computer_boot, &bytes) {
-                Ok(()) => info!("the nodes are given the checkpoints of a crashed supervisor"),
-                Err(why) => warn!("{path}: the checkpoints of the former supervisor do not count: {why}"),
+                Ok(()) => info!("the nodes receive the checkpoints of a crashed supervisor"),
+                Err(why) => warn!("{path}: the checkpoints of the former supervisor are ignored: {why}"),
             },
             Err(e) => warn!("{path}: reading the checkpoints of the former supervisor: {e}"),
         }
@@ -126,7 +125,7 @@ impl CheckpointFile {
         let written = bytes.and_then(|bytes| replace(&self.path, &bytes, false).map_err(|e| e.to_string()));
         if let Some(e) = written.as_ref().err().filter(|_| !self.failed) {
             warn!(
-                "{}: writing the checkpoints: {e}: they do not outlive the supervisor",
+                "{}: writing the checkpoints: {e}: they are lost if the supervisor crashes",
                 self.path.display()
             );
         }
@@ -136,11 +135,11 @@ impl CheckpointFile {
 
 const HOLDS: Holds = Holds {
     what: "the flight's purpose",
-    lost: "the flight's purpose does not outlive a reboot of the computer",
+    lost: "the flight's purpose is lost if the computer reboots",
     misleads: false,
 };
 
-/// The file on the disk: [`CheckpointStore::lasting`]. It does not exist while there is no lasting state.
+/// The file on the disk: [`CheckpointStore::lasting`]. It is absent while there is no lasting state.
 struct LastingFile {
     path: PathBuf,
     store: Store,
@@ -177,7 +176,7 @@ impl LastingFile {
                 due: Periodic::default(),
             }),
             Err(e) => {
-                warn!("{at}: no thread writes the flight's purpose: {e}");
+                warn!("{at}: starting the thread that writes the flight's purpose: {e}");
                 None
             }
         }

@@ -1,5 +1,5 @@
-//! Facts about a computer, reported by its supervisor: initial configuration, the radio's certificate, and
-//! whether the configuration was edited since. Viewers know the computer by this report alone.
+//! Facts about a computer, reported by its supervisor: initial configuration, certificate of the radio, and whether
+//! the configuration was edited since the start. Viewers know the computer from this report alone.
 
 use std::path::{Path, PathBuf};
 
@@ -14,14 +14,12 @@ use crate::exit::CliError;
 use crate::process::life::draw_boot;
 
 const PERIOD_NS: i64 = 500_000_000;
-/// Period at which the certificate's file is read again, ns.
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;
 
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// The report, without the values that change at run time.
     pub report: ComputerReport,
-    /// File of the radio's certificate, which a vessel reports; empty without one.
+    /// File with the radio's certificate, which a vessel reports; empty without one.
     certificate: PathBuf,
     clock: ProcessClock,
 }

@@ -1,4 +1,4 @@
-//! Summary of a flight on its own computer: states, outcome and metrics, for the recorder.
+//! Summary of a flight for the recorder, on the flight's own computer: states, outcome and metrics.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -11,14 +11,13 @@ use crate::process::snapshot::Snapshot;
 use crate::record::flight::recording::{FlightRecording, SUMMARY_PERIOD_NS};
 use crate::record::flight::summary::FlightSummary;
 
-/// Metric: time constant of the attitude's response in the slower axis, s.
+/// Metric: time constant of the attitude response in the slower axis, s.
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";
-/// Metric: dead time of the attitude's response, s.
 pub const ATTITUDE_DEAD_TIME: &str = "attitude_dead_time_s";
 /// Maximum number of drones in a vessel's summary: a hostile drone may invent numbers.
 const MAX_DRONES: usize = 16;
 
-/// The flight that a computer's first process begins and summarises.
+/// Flight that a computer's first process begins and summarises.
 pub struct CurrentFlight {
     log: FlightLog,
     recording: FlightRecording,
@@ -50,12 +49,12 @@ impl CurrentFlight {
     }
     /// Ends the flight; all processes must have stopped recording.
     pub fn end(mut self, now_ns: i64) {
-        // While the disk is behind, the previous summary stays.
+        // While the disk is behind, the previous summary remains.
         let _behind = self.recording.sum_up(self.log.summary(now_ns, true));
     }
 }
 
-/// Number of the drone in a state; None on the drone itself.
+/// Number of the drone; None on the drone itself.
 type DroneNumber = Option<u32>;
 
 pub struct FlightLog {
@@ -83,7 +82,6 @@ impl FlightLog {
     fn t_s(&self, now_ns: i64) -> f64 {
         seconds(now_ns - self.begun_ns)
     }
-    /// Records a drone's state, the reason for its entry and the condition that the drone waits for.
     pub fn state(&mut self, now_ns: i64, who: DroneNumber, state: State, entered: Reason, waiting: Reason) {
         let before = self.states.get(&who).copied();
         if before.is_some_and(|(last, ..)| last == state)
@@ -106,7 +104,7 @@ impl FlightLog {
         self.states
             .insert(who, (state, now_ns, way_ns.filter(|_| state.is_landing())));
         let t_s = self.t_s(now_ns);
-        // The reason of the first state is not known.
+        // The reason for entering the first state is unknown.
         let reason = if before.is_none() { waiting } else { entered };
         self.summary
             .enter(t_s, &named(who, state.name()), reason.to_string());
@@ -151,7 +149,6 @@ impl FlightLog {
             self.summary.figures.insert(name.into(), value);
         }
     }
-    /// Raises a metric to at least `value`.
     pub fn max(&mut self, name: &str, value: f64) {
         let before = self.summary.figures.get(name).copied();
         self.set(name, before.map_or(value, |b| b.max(value)));
@@ -160,7 +157,7 @@ impl FlightLog {
         let before = self.summary.figures.get(name).copied().unwrap_or(0.0);
         self.set(name, before + value);
     }
-    /// Takes the newest snapshot of the computer; on a vessel, states of drones and waves.
+    /// Records the computer's newest snapshot: states and, on a vessel, waves.
     pub fn observe(&mut self, now_ns: i64, snapshot: &Snapshot, restarts: u32) {
         self.set("restarts", f64::from(restarts));
         if let Some(vessel) = *snapshot.vessel {

@@ -11,21 +11,20 @@ use crate::process::supervisor::pause;
 const LOCK_FILE: &str = "lock";
 /// Directory of a supervisor's checkpoints, which outlive a killed supervisor.
 pub const CHECKPOINTS_FILE: &str = "checkpoints";
-/// Exists once all services run: observers may join. It holds the owner's process id, because a killed owner
-/// leaves the file.
+/// File that exists once all services run, so that observers may join. It holds the owner's process id, because a
+/// killed owner leaves the file behind.
 const READY_FILE: &str = "ready";
-/// Attempts to take a name that is in use.
 const MAX_TRIES: u32 = 20;
 const RETRY_PAUSE: std::time::Duration = std::time::Duration::from_millis(50);
 
-/// Instance owned by this process: no other runs under its name while this value lives.
+/// Instance owned by this process: no other process runs under its name while this value lives.
 pub struct OwnedInstance {
     instance: Instance,
     _lock: File,
 }
 
 impl OwnedInstance {
-    /// Takes the name and removes a former owner's files.
+    /// Claims the name and removes a former owner's files.
     pub fn take(name: &str) -> Result<OwnedInstance, CliError> {
         let instance = Instance::new(name)?;
         let directory = instance.directory();
@@ -34,12 +33,12 @@ impl OwnedInstance {
         // The directory's files are removed next; files behind a link must not be.
         if std::fs::symlink_metadata(&directory).is_ok_and(|m| m.is_symlink()) {
             return Err(CliError(format!(
-                "{}: a link leads elsewhere; remove it",
+                "{}: it is a symbolic link; remove it",
                 directory.display()
             )));
         }
         let lock = File::create(directory.join(LOCK_FILE)).doing(doing)?;
-        // A child that a former owner is creating holds the lock for some more milliseconds.
+        // A child that a former owner is creating may hold the lock for some milliseconds.
         let mut tries = 0;
         let taken = loop {
             match lock.try_lock() {
@@ -85,12 +84,12 @@ impl Drop for OwnedInstance {
     fn drop(&mut self) {
         // The ready file goes first, so that no observer joins an instance that is being removed.
         let _none = std::fs::remove_file(self.file(READY_FILE));
-        // All processes have ended by now. A file that cannot be removed now is removed at the next start.
+        // All processes have ended. A file that cannot be removed now is removed at the next start.
         let _left = self.instance.wipe();
         let directory = self.instance.directory();
         let _left = remove_contents(&directory);
         let _left = std::fs::remove_file(self.file(LOCK_FILE));
-        // The directory stays if it has the checkpoints of a supervisor that was not asked to end.
+        // The directory remains if it holds the checkpoints of a supervisor that was not asked to end.
         let _left = std::fs::remove_dir(directory);
     }
 }
@@ -115,7 +114,7 @@ fn remove_contents(directory: &Path) -> std::io::Result<()> {
     Ok(())
 }
 
-/// Process id of the owner whose services run, while it lives.
+/// Process id of the owner, while it lives and its services run.
 pub fn owner(instance: &Instance) -> Option<u32> {
     let owner = std::fs::read_to_string(instance.directory().join(READY_FILE));
     let owner = owner.ok().and_then(|pid| pid.parse::<u32>().ok());
@@ -123,7 +122,7 @@ pub fn owner(instance: &Instance) -> Option<u32> {
 }
 
 pub fn is_running(instance: &Instance) -> bool {
-    // The lock is not enough: the next owner holds it before it has removed the ready file of a killed one.
+    // The lock alone is not sufficient: a new owner holds it before it has removed the ready file of a killed one.
     if owner(instance).is_none() {
         return false;
     }
@@ -190,7 +189,7 @@ mod tests {
         let Err(rejected) = OwnedInstance::take(&name) else {
             panic!("taken through a link")
         };
-        assert!(rejected.0.contains("a link leads elsewhere"), "{rejected}");
+        assert!(rejected.0.contains("it is a symbolic link"), "{rejected}");
         assert!(elsewhere.join("file").exists());
         std::fs::remove_file(&directory).unwrap();
         std::fs::remove_dir_all(elsewhere).unwrap();

@@ -19,8 +19,8 @@ use tracing_subscriber::util::SubscriberInitExt;
 
 const MAX_LINES: usize = 1000;
 
-/// Sends log events to the journal until the returned guard is dropped, which writes the queued lines.
-/// Rejected radio peers are also counted.
+/// Sends log events to the journal until the returned guard is dropped, which writes the queued lines. Also counts
+/// rejected radio peers.
 pub fn init() -> WorkerGuard {
     let (lines, guard) = NonBlockingBuilder::default()
         .lossy(true)

@@ -1,4 +1,4 @@
-//! Missed deadlines: steps later than the readers of their output permit.
+//! Missed deadlines: steps later than the readers of their output can tolerate.
 
 use alight_shared::metrics::{Metric, MetricName};
 use alight_shared::process::{ProcessKind, ProcessState};
@@ -13,8 +13,8 @@ pub struct Lateness {
     limit_s: f64,
     last_ns: Option<i64>,
     turned_ns: i64,
-    /// Longest excess of a period between steps over the limit, s, and number of such steps, in this window
-    /// and the previous one.
+    /// Maximum excess of a period between steps over the limit, s, and number of such steps, in this window and the
+    /// previous one.
     windows: [(f64, u64); 2],
 }
 
@@ -39,7 +39,7 @@ impl Lateness {
         }
         self.last_ns = Some(now_ns);
     }
-    /// Metrics of delayed steps; empty if none was delayed.
+    /// Metrics of late steps; empty if there was none.
     pub fn metrics(&self) -> Vec<Metric> {
         let [(a, m), (b, n)] = self.windows;
         if m + n == 0 {
@@ -54,8 +54,7 @@ impl Lateness {
 
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
-/// Message about processes with late steps; the first is the one that exceeded its deadline by the largest
-/// factor.
+/// Message about processes with late steps, the one with the largest overrun relative to its deadline first.
 pub fn finding<'a>(processes: impl IntoIterator<Item = &'a ProcessState>) -> Option<String> {
     let late = |p: &&ProcessState| p.count(MetricName::LateSteps) > 0;
     let permitted = |p: &'a ProcessState| Some((p, p.kind.awaited()?.stale_after.secs()));
@@ -100,7 +99,7 @@ mod tests {
             text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),
             "{text}"
         );
-        // The mission has the same delay of 0.41 s, but a longer permitted one.
+        // The mission has the same delay of 0.41 s, but a longer deadline.
         mission.kind = ProcessKind::Mission;
         let both = finding([&mission, &pilot]).unwrap();
         assert_eq!(both, format!("{text}; so did mission"));

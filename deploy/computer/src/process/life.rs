@@ -1,5 +1,3 @@
-//! Life cycle of a process: step times, a report twice a second, end on request.
-
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 use std::sync::Arc;
@@ -28,7 +26,6 @@ pub struct Life {
     began_ns: i64,
     next_state_ns: i64,
     end: Arc<AtomicBool>,
-    /// Metrics of this process, shown by `alight status`.
     pub metrics: Metrics,
 }
 
@@ -108,8 +105,8 @@ pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     if supervised {
         let flag = Arc::clone(&end);
         std::thread::spawn(move || {
-            // Nothing is ever written: the read ends when the supervisor does. A signal, such as the SIGCONT
-            // after a SIGSTOP, may interrupt it earlier.
+            // Nothing is ever written: the read ends when the supervisor does. A signal, such as SIGCONT after
+            // SIGSTOP, may interrupt it earlier.
             while std::io::stdin()
                 .read(&mut [0_u8; 1])
                 .map_or_else(|e| e.kind() == ErrorKind::Interrupted, |read| read > 0)

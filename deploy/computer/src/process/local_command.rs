@@ -1,4 +1,4 @@
-//! Operator's command to the mission of this computer, repeated until the mission has accepted it.
+//! Operator's command to the mission on this computer, repeated until the mission accepts it.
 
 use alight_shared::admission::Retransmission;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
@@ -55,7 +55,7 @@ mod tests {
             abort: echo,
             ..MissionState::default()
         };
-        // The mission gave up, or climbs out, by itself or after another operator's abort.
+        // The mission already aborted or climbs out, by itself or after another operator's abort.
         let boot = sent[0].header.boot;
         for echo in [
             None,

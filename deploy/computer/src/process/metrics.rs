@@ -1,11 +1,9 @@
-//! Names and units of the processes' metrics.
-
 use alight_shared::metrics::MetricValue;
 use alight_shared::process::ProcessState;
 
 use crate::process::snapshot::time;
 
-/// Text of a process's metrics without counts of zero.
+/// Metrics of a process as text, without counts of zero.
 pub fn text(p: &ProcessState) -> String {
     let shown: Vec<String> = p
         .metrics

@@ -1,4 +1,4 @@
-//! Processes: the loop around a row and its edge (wait, step, publish, record, report twice a second, end when asked to), and
+//! Processes: the loop around a row and its edge (wait, step, publish, record, report at 2 Hz, end on request), and
 //! the supervisor that starts and restarts them.
 
 pub mod args;

@@ -1,15 +1,14 @@
 //! Notification of the service manager (systemd): ready, alive, status. Each is one datagram to the socket in
 //! NOTIFY_SOCKET (sd_notify(3)); without that variable nothing is sent.
 //!
-//! The crate sd-notify is not used: its send blocks once a stopped manager has ten queued datagrams, and
-//! would block the flight.
+//! The crate sd-notify is not used: its send blocks once a stopped manager has ten queued datagrams, and would block
+//! the flight.
 
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 
-/// Period of watchdog messages, ns; every usual watchdog timeout is several times longer.
+/// Period of watchdog messages, ns; every common watchdog timeout is several times longer.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;
-/// Maximum length of a status line, characters.
 const MAX_STATUS: usize = 200;
 pub const SOCKET_VARIABLE: &str = "NOTIFY_SOCKET";
 
@@ -43,7 +42,7 @@ impl Notify {
     }
     fn send(&self, text: &str) {
         if let Some((socket, to)) = &self.to {
-            // A later datagram repeats a lost one.
+            // A lost datagram is replaced by a later one.
             let _full = socket.send_to_addr(text.as_bytes(), to);
         }
     }
@@ -52,7 +51,7 @@ impl Notify {
             self.send("READY=1");
         }
     }
-    /// Reports, when due, that the loop runs, with its status in one line.
+    /// Notifies the watchdog when due, with a status of one line.
     pub fn alive(&mut self, now_ns: i64, status: impl FnOnce() -> String) {
         if now_ns < self.next_ns || self.to.is_none() {
             return;

@@ -1,5 +1,3 @@
-//! Observer of an instance's processes.
-
 use alight_shared::bus::readers;
 use alight_shared::msg::{
     AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
@@ -35,7 +33,7 @@ readers! {
 pub struct Observer {
     reports: Reports<Memory>,
     pub snapshot: Snapshot,
-    /// Ages of the vessel's newest state since the reader last took them, s.
+    /// Ages of the vessel's newest state since the list was last read, s.
     pub ages_s: Vec<f64>,
 }
 
@@ -70,23 +68,22 @@ impl Observer {
         let newest = of.set_point.newest(now).map(|s| s.response);
         snapshot.response = newest.or(snapshot.response);
         let links = of.link.all(now);
-        // Bounds the list if its reader does not take the ages.
+        // Limits the list if its reader does not drain it.
         self.ages_s.truncate(64);
         self.ages_s.extend(links.iter().map(|l| l.age_s));
         snapshot.link.set(now, links.last().copied());
     }
 }
 
-/// Access of an outside process to an instance's memory; it joins again after a restart of the service.
+/// Access of an outside process to an instance's memory, which it joins again after a restart of the service.
 pub struct Rejoined<T> {
     instance: Instance,
     owner: Option<u32>,
     looked_ns: i64,
-    /// Ports of the instance that was joined last.
     pub ports: Option<T>,
 }
 
-/// Period at which a restart of the service is checked, ns.
+/// Period of the check for a restart of the service, ns.
 const LOOK_NS: i64 = 100_000_000;
 
 impl<T> Rejoined<T> {
@@ -128,12 +125,12 @@ pub struct InstanceFollower {
 }
 
 impl InstanceFollower {
-    /// Observer of the instance `instance`, as the process `name`.
+    /// Observes the instance `instance` as the process `name`.
     pub fn of(instance: &str, name: &'static str) -> Result<InstanceFollower, CliError> {
         let joined = Rejoined::of(instance)?;
         Ok(InstanceFollower { joined, name })
     }
-    /// Stops observing, before the memory is removed.
+    /// Stops observing; call this before the memory is removed.
     pub fn leave(&mut self) {
         self.joined.ports = None;
     }

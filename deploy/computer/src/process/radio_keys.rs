@@ -1,16 +1,12 @@
-//! Keys of the radio.
-
 use alight_shared::topics;
 
-/// Key of `topic` as published by vessel `id`.
 pub fn vessel_key(id: u32, topic: &str) -> String {
     format!("alight/vessel-{id}/{topic}")
 }
-/// Key of `topic` as published by drone `id`.
 pub fn drone_key(id: &str, topic: &str) -> String {
     format!("alight/drone-{id}/{topic}")
 }
-/// Key expression of the status of every drone, whose key has the chunk `drone-N`.
+/// Key expression of the status of every drone; the key has the chunk `drone-N`.
 pub fn any_drone_status() -> String {
     format!("alight/drone-$*/{}", topics::DRONE_STATUS.name)
 }

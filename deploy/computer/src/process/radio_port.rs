@@ -60,7 +60,7 @@ impl RadioPort {
         let received = self.radio.receive(Duration::ZERO)?;
         Some((*self.read.get(received.subscription)?, received))
     }
-    /// Sends messages. One that cannot be encoded is skipped, and the receiver detects the gap.
+    /// Sends messages. A message that cannot be encoded is skipped, and the receiver detects the gap.
     pub fn send<'a, M: Serialize + 'a>(
         &mut self,
         topic: RadioTopic,
@@ -69,7 +69,7 @@ impl RadioPort {
         let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
         encoded.for_each(|bytes| self.put(topic, bytes, false));
     }
-    /// Sends an encoded message; with `held`, it is kept for peers that join later.
+    /// Sends an encoded message; if `held`, it is kept for peers that join later.
     pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {
         if let Some(publication) = self.sent.iter().position(|t| *t == topic) {
             if held {
@@ -78,7 +78,6 @@ impl RadioPort {
             self.radio.send(publication, bytes);
         }
     }
-    /// Rates of the sent topics, including the counters at `now_ns`.
     pub fn flows(&mut self, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.rates.since(&self.radio, now_ns)
     }

@@ -7,7 +7,7 @@ use alight_shared::process::{MAX_FLOWS, RadioFlow};
 use alight_shared::topics::{self, Topic};
 use alight_transport::radio::{Flow, Radio};
 
-/// Samples of the counters: five seconds at two per second.
+/// Number of counter samples: five seconds at 2 Hz.
 const WINDOW: usize = 10;
 
 pub struct RadioRates {
@@ -16,7 +16,7 @@ pub struct RadioRates {
 }
 
 impl RadioRates {
-    /// Rates of these topics; the process's own report is not listed.
+    /// Rates of these topics, without the process's own report.
     pub fn of(publications: &[&Topic]) -> RadioRates {
         let index = |topic: &Topic| topics::ALL.iter().position(|t| t.name == topic.name);
         let number = |i: Option<usize>| i.and_then(|i| u32::try_from(i).ok()).unwrap_or(u32::MAX);
@@ -25,7 +25,6 @@ impl RadioRates {
             samples: VecDeque::new(),
         }
     }
-    /// Rates over the last samples, including one at `now_ns`.
     pub fn since(&mut self, radio: &Radio, now_ns: i64) -> Seq<RadioFlow, MAX_FLOWS> {
         self.update(radio.flows().to_vec(), now_ns)
     }
@@ -65,7 +64,7 @@ mod tests {
                 messages: n,
                 bytes: 100 * n,
             };
-            // 30 per second for ten seconds, then 10.
+            // 30 messages per second for ten seconds, then 10.
             let sent = if k < 20 { 15 * k } else { 300 + 5 * (k - 20) };
             last = flows.update(vec![count(sent), count(0)], k as i64 * 500_000_000);
         }

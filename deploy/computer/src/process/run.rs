@@ -1,6 +1,6 @@
-//! Loop of every process on both computers: it waits; its row reads, steps and writes
-//! ([`alight_shared::bus`]); observers record and show the step; it reports twice a second. Processes differ
-//! in the topics of their rows ([`Wired`]) and in their edges ([`ProcessEdge`]).
+//! Loop of every process on both computers: it waits; its row reads, steps and writes ([`alight_shared::bus`]);
+//! observers record and show the step; it reports at 2 Hz. Processes differ in the topics of their rows ([`Wired`])
+//! and in their edges ([`ProcessEdge`]).
 
 use std::future::Future;
 use std::time::Duration;
@@ -29,14 +29,14 @@ pub struct NodeView<'a, N: Wired> {
     pub inputs: &'a dyn Fn() -> Vec<InputState>,
 }
 
-/// Edge of a row on a computer, and the actions of its process besides the row's steps.
+/// Edge of a row on a computer, with the actions of its process besides the row's steps.
 pub trait ProcessEdge<N: Wired>: Edge<N> {
-    /// Called after each step of the row, which is sent and recorded by then.
+    /// Called after each step of the row, once its output is sent and recorded.
     fn stepped(&mut self, _at: &NodeView<'_, N>, _step: &RowStep<N>) {}
     fn metrics(&mut self, _at: &NodeView<'_, N>) -> Vec<Metric> {
         Vec::new()
     }
-    /// Number of messages that other computers or devices could not be sent.
+    /// Number of messages that could not be sent to other computers or devices.
     fn unsent(&self) -> u64 {
         0
     }
@@ -52,11 +52,11 @@ impl<N: Wired> ProcessEdge<N> for () {}
 
 /// Edge that waits for more than the row's topics.
 pub trait AwaitedEdge<N: Wired>: ProcessEdge<N> {
-    /// Waits for an input or the next step's time; true if a step is due. `wakes`: topics that wake the row.
+    /// Waits for an input or the time of the next step; true if a step is due. `wakes`: topics that wake the row.
     fn arrival(&mut self, wakes: &Wakes) -> impl Future<Output = Result<bool, CliError>>;
 }
 
-/// A row as a process; it records its steps in the flight's directory.
+/// Row as a process, which records its steps in the flight's directory.
 pub struct Process<N: Wired> {
     row: Row<N, Option<Memory>>,
     states: Option<Publisher<ProcessState>>,
@@ -69,8 +69,8 @@ pub struct Process<N: Wired> {
 }
 
 impl<N: Wired> Process<N> {
-    /// Starts a process of `kind` with the node that `make` returns for a boot id. It joins the shared memory
-    /// of `instance`, if given.
+    /// Starts a process of `kind`; `make` returns its node for a boot id. Joins the shared memory of `instance`, if
+    /// given.
     pub fn start(
         kind: ProcessKind,
         args: &ProcessArgs,
@@ -81,7 +81,7 @@ impl<N: Wired> Process<N> {
         let flight = args.flight.as_ref();
         let recorder = flight.map(|flight| node_recorder(flight, kind.name(), boot, &args.config));
         let recorder = recorder.transpose()?;
-        // The recorder's thread, started before, must not inherit the priority.
+        // The recorder's thread, started before this, must not inherit the priority.
         args.scheduling.apply();
         let node = make(boot)?;
         let life = Life::begin(kind, boot, args.supervised);
@@ -101,7 +101,7 @@ impl<N: Wired> Process<N> {
         self.life.boot()
     }
 
-    /// Runs until it is asked to end; topics of the row wake it.
+    /// Runs until asked to end; topics of the row wake it.
     pub fn run(mut self, mut edge: impl ProcessEdge<N>) -> Result<Exit, CliError> {
         let wakes: Vec<_> = self.row.wakes.drain(..).flatten().collect();
         let max_wait = Duration::from_nanos(MAX_WAIT.nanos().unsigned_abs());
@@ -111,7 +111,7 @@ impl<N: Wired> Process<N> {
         })?;
         Ok(Exit::Success)
     }
-    /// Runs until it is asked to end; the edge waits for its inputs.
+    /// Runs until asked to end; the edge waits for its inputs.
     pub async fn run_awaiting(mut self, edge: &mut impl AwaitedEdge<N>) -> Result<Exit, CliError> {
         let wakes = Wakes::watch(self.row.wakes.drain(..).flatten())?;
         while !self.is_over(edge) {
@@ -124,10 +124,10 @@ impl<N: Wired> Process<N> {
         self.life.ended() || edge.is_over()
     }
 
-    /// Makes a step if one is due, lets the edge act after it, and reports.
+    /// Makes a step if one is due, lets the edge act on it, and reports.
     fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
         let (clock, last) = (self.clock, &mut self.last);
-        // The time never goes back.
+        // Time never runs backwards.
         let mut now = || {
             *last = (*last).max(clock.now());
             *last
@@ -166,7 +166,7 @@ impl<N: Wired> Process<N> {
     }
 }
 
-/// Runs a process of a drone's computer with the node that `make` returns for a boot id.
+/// Runs a process of the drone's computer; `make` returns its node for a boot id.
 pub fn run<N>(
     args: &ProcessArgs,
     make: impl FnOnce(&DroneNodes, u32) -> N,

@@ -7,19 +7,19 @@ use iceoryx2_bb_posix::scheduler::Scheduler;
 use rustix::process::{getpriority_process, setpriority_process};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
-/// Niceness in flight, above the computer's other work. Measured on two cores with twenty other busy
-/// processes: without it, ticks of the simulated world are up to 6 s late.
+/// Niceness in flight, above the computer's other work. Measured on two cores with twenty other busy processes:
+/// without it, ticks of the simulated world are up to 6 s late.
 const NICENESS: i32 = -10;
 
-/// Real-time priority of a simulated world, above the processes of flight, because physics does not wait.
-/// Measured on two cores while another landing starts: with niceness alone, ticks are up to 0.9 s late, and
-/// the autopilot's link assumes a restart of the autopilot.
+/// Real-time priority of a simulated world, above the processes of flight, because physics does not wait. Measured on
+/// two cores while another landing starts: with niceness alone, ticks are up to 0.9 s late, and the autopilot's link
+/// infers a restart of the autopilot.
 const WORLD_PRIORITY: u8 = 40;
 
 /// Niceness of this session if the system groups processes by session (`sched_autogroup`, sched(7)).
 const SESSION: &str = "/proc/self/autogroup";
 
-/// Sets `NICENESS` for this process and its later children; does nothing without the permission.
+/// Sets `NICENESS` for this process and its later children; has no effect without permission.
 pub fn raise() {
     let own = getpriority_process(None).unwrap_or(0);
     let _not_permitted = setpriority_process(None, own.min(NICENESS));
@@ -31,8 +31,8 @@ pub struct RaisedSession {
     before: Option<i32>,
 }
 
-/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies
-/// only within its session. (A service has `CPUWeight` in its unit.) Does nothing without grouping or
+/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies only
+/// within its session. (For a service, `CPUWeight` in its unit does this.) Has no effect without grouping or
 /// permission.
 pub fn raise_session() -> RaisedSession {
     let text = fs::read_to_string(SESSION).ok();
@@ -51,7 +51,7 @@ impl Drop for RaisedSession {
     }
 }
 
-/// Sets SCHED_FIFO at `priority` for this thread and its later children; false without the permission.
+/// Sets SCHED_FIFO at `priority` for this thread and its later children; false without permission.
 pub fn set_real_time(priority: u8) -> bool {
     // The library scales its 0 to 255 to the kernel's 1 to 99; rounding up keeps each priority distinct.
     let scaled = u32::from(priority.clamp(1, 99) - 1) * 255;
@@ -64,13 +64,13 @@ pub fn set_real_time_world() {
     set_real_time(WORLD_PRIORITY);
 }
 
-/// Restores this thread's default scheduling in place of an inherited one.
+/// Restores this thread's default scheduling if it has inherited another.
 pub fn leave_real_time() {
     // A change from the default policy to itself is always permitted.
     let _same = Process::from_self().set_scheduler(Scheduler::Other);
 }
 
-/// Whether the system permits real-time priorities; tried briefly on this thread.
+/// Whether the system permits real-time priorities, tested briefly on this thread.
 pub fn real_time_permitted() -> bool {
     let mut own = Process::from_self();
     own.set_scheduler(Scheduler::Fifo).is_ok() && own.set_scheduler(Scheduler::Other).is_ok()

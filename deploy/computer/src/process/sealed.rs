@@ -1,8 +1,8 @@
-//! The configuration of a flight is fixed at its start. The supervisor reads its file once and gives its
-//! processes a copy of the text, so that a process which restarts in flight does not apply later edits. The
-//! copy includes the text of Zenoh's own configuration file in place of its name. The supervisor keeps the
-//! copy fresh and removes it at an orderly end. A successor that finds a fresh copy continues with it,
-//! because its predecessor was killed. An edit of the file is reported and applies from the next start.
+//! Configuration of a flight, fixed at its start. The supervisor reads its file once and gives its processes a copy
+//! of the text, so that a process that restarts in flight does not apply later edits. In the copy, the text of
+//! Zenoh's own configuration file replaces its name. The supervisor keeps the copy fresh and removes it at an orderly
+//! end. A successor that finds a fresh copy continues with it, because its predecessor was killed. An edit of the
+//! file is reported and takes effect at the next start.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Write};
@@ -19,10 +19,9 @@ use tracing::warn;
 use crate::config::method;
 use crate::exit::{CliError, Doing};
 
-/// Maximum age of a copy with which a flight continues: a hundred times the service manager's pause before it
-/// starts a successor.
+/// Maximum age of a copy that a successor continues to use: a hundred times the service manager's delay before it
+/// starts one.
 const MAX_AGE: Duration = Duration::from_secs(10);
-/// Period of the comparison of file and copy, ns.
 const LOOK_PERIOD_NS: i64 = 1_000_000_000;
 const MAX_BYTES: u64 = 1 << 20;
 
@@ -32,7 +31,6 @@ pub struct SealedConfig {
     text: String,
     edited: bool,
     next_look_ns: i64,
-    /// No process has run with the copy yet.
     unused: bool,
 }
 
@@ -84,7 +82,7 @@ impl SealedConfig {
         };
         self.edited.then(message)
     }
-    /// Keeps the copy fresh, and compares the file with it; true if the result has changed.
+    /// Keeps the copy fresh and compares the file with it; true if the result has changed.
     pub fn poll(&mut self, now_ns: i64) -> bool {
         if now_ns < self.next_look_ns {
             return false;
@@ -108,7 +106,6 @@ impl SealedConfig {
         }
         changed
     }
-    /// Removes the copy at an orderly end.
     pub fn end(mut self) {
         self.unused = true;
     }
@@ -116,22 +113,22 @@ impl SealedConfig {
 
 impl Drop for SealedConfig {
     fn drop(&mut self) {
-        // A failed start must not continue. A copy that cannot be removed soon becomes too old.
+        // A failed start must not be continued. A copy that cannot be removed soon becomes too old.
         if self.unused {
             let _left = fs::remove_file(&self.copy);
         }
     }
 }
 
-/// Configuration text of the running service that was started with the file `origin`; None without one, or if
-/// it belongs to another user.
+/// Configuration text of the running service that was started with the file `origin`; None without one or if it
+/// belongs to another user.
 pub fn running(origin: &Path) -> Option<String> {
     fresh(&copy_of(&std::env::temp_dir(), origin).ok()?)
 }
 
-/// Configuration text with Zenoh's own configuration in place of its file name, if it has one.
+/// Configuration text with Zenoh's own configuration, if any, in place of its file name.
 fn whole(text: String) -> Result<String, CliError> {
-    // The parser later rejects text that is not TOML, with the line.
+    // The parser later rejects text that is not TOML, and names the line.
     let mut table: toml::Table = toml::from_str(&text).unwrap_or_default();
     let Some(toml::Value::String(zenoh)) = table.get_mut("radio").and_then(|radio| radio.get_mut("zenoh"))
     else {
@@ -157,7 +154,7 @@ fn fresh(copy: &Path) -> Option<String> {
     (own && age <= MAX_AGE).then(|| read(copy).ok())?
 }
 
-/// Sets the copy's time to now, by the file system's clock, because its age is compared across processes.
+/// Sets the copy's time to the present, by the file system's clock, because its age is compared across processes.
 #[allow(clippy::disallowed_methods)]
 fn touch(copy: &Path) -> io::Result<()> {
     File::options()
@@ -212,12 +209,12 @@ mod tests {
         assert!(sealed.poll(LOOK_PERIOD_NS) && !sealed.poll(2 * LOOK_PERIOD_NS));
         assert!(sealed.edited().unwrap().contains("drone.toml was edited"));
         assert_eq!(number(sealed.path()), 2);
-        // So does a successor of a killed supervisor, even if the file is no longer a valid configuration.
+        // A successor of a killed supervisor also uses it, even if the file is no longer a valid configuration.
         edit("half a fi");
         let (computer, successor) = begin();
         assert!(computer.bridge.drone_id == 2 && successor.edited().is_some());
         sealed.poll(3 * LOOK_PERIOD_NS);
-        // The file is used if no supervisor lived recently, and after an orderly end.
+        // The file is used if no supervisor ran recently, and after an orderly end.
         edit("[bridge]\ndrone_id = 4\n");
         let copy = File::options().append(true).open(successor.path()).unwrap();
         copy.set_modified(SystemTime::UNIX_EPOCH).unwrap();
@@ -258,7 +255,7 @@ mod tests {
         };
         assert_eq!(flown(&sealed), original);
         assert!(!sealed.poll(0));
-        // A process that starts now uses the copy, as does a successor of a killed supervisor.
+        // A process that starts now uses the copy, and so does a successor of a killed supervisor.
         fs::write(&zenoh, "{ mode: ").unwrap();
         assert!(sealed.poll(LOOK_PERIOD_NS) && sealed.edited().is_some());
         fs::remove_file(&zenoh).unwrap();

@@ -1,9 +1,9 @@
 //! The service of a computer: its processes over one shared memory, under one supervisor.
 //!
-//! One service, not one per process: one process must create the services of shared memory before any other
-//! opens them, and the remains of a killed process must be cleaned up while no process lives. The supervisor
-//! restarts a process that ended (at once after a long run), and kills and restarts a silent one; systemd
-//! watches the supervisor.
+//! There is one service, not one per process: one process must create the services of shared memory before any other
+//! opens them, and the remains of a killed process must be cleaned up while no process lives. The supervisor restarts
+//! a process that ended (at once after a long run), and kills and restarts a silent one; systemd watches the
+//! supervisor.
 
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -37,12 +37,10 @@ const POLL_PERIOD: Duration = Duration::from_millis(20);
 pub struct ComputerService<'a> {
     pub instance: &'a str,
     pub facts: Facts,
-    /// Name of the computer in its flights.
     pub computer: String,
-    /// Recorder of the processes.
     pub recorder: &'a RecorderConfig,
     pub silence_timeout_s: f64,
-    /// Processes in start order, with a scheduling that the system may not permit.
+    /// Processes in start order, each with a scheduling that the system may not permit.
     pub nodes: Vec<(ProcessKind, Scheduling)>,
     pub view: Option<ViewConfig>,
     /// Clock of the checkpoints that the supervisor keeps; None if each process keeps its own.
@@ -54,7 +52,7 @@ pub fn run(
     service: ComputerService<'_>,
     mut sealed: SealedConfig,
 ) -> Result<Exit, CliError> {
-    // Checks everything before any process starts. The first call installs the signal handler.
+    // Everything is checked before any process starts. The first call installs the signal handler.
     let stop_requested = end_with_supervisor(args.supervised);
     if end_requested() {
         return Ok(Exit::Success);

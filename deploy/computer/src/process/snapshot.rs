@@ -37,7 +37,7 @@ pub fn minutes(s: f64) -> String {
     }
 }
 
-/// Minimum age at which a message is old, s: viewers poll a few times a second.
+/// Minimum age of a stale message, s: viewers poll a few times a second.
 const MIN_STALE_S: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug)]
@@ -90,7 +90,6 @@ impl<T: Plain> Newest<T> {
     pub fn is_old(&self, now_ns: i64) -> bool {
         self.age_s(now_ns) > T::TOPIC.stale_after.secs().max(MIN_STALE_S)
     }
-    /// The value, unless it is old.
     pub fn fresh(&self, now_ns: i64) -> Option<&T> {
         self.value.as_ref().filter(|_| !self.is_old(now_ns))
     }
@@ -98,7 +97,7 @@ impl<T: Plain> Newest<T> {
 
 #[derive(Clone, Debug, Default)]
 pub struct Snapshot {
-    /// Start of the reception on the observer's clock, ns.
+    /// Time at which the observer began to receive, on its clock, ns.
     pub since_ns: i64,
     pub processes: BTreeMap<ProcessKind, ProcessState>,
     pub mission: Newest<MissionState>,
@@ -112,7 +111,7 @@ pub struct Snapshot {
     /// Response of the drone's attitude to set-points, as the pilot estimates it.
     pub response: Option<AttitudeResponse>,
     pub vessel: Newest<VesselStatus>,
-    /// Reports of the vessel's real sensors, by their index in its configuration.
+    /// Reports on the vessel's real sensors, by their index in its configuration.
     pub sources: BTreeMap<u32, SourceReport>,
     pub computer: Newest<ComputerReport>,
 }
@@ -125,8 +124,8 @@ impl Snapshot {
         let apart = deck.map(|d| (drone.position() - Vector3::from(d.position)).norm());
         Some((drone.datum, apart))
     }
-    /// Age of the newest plan relative to the mission's newest time stamp (same clock), s; infinite before
-    /// the first.
+    /// Age of the newest plan relative to the mission's newest time stamp (same clock), s; infinite before the first
+    /// plan.
     pub fn plan_age_s(&self, now_ns: i64) -> f64 {
         let since_s = self.plan.age_s(now_ns);
         match (*self.plan, *self.mission) {

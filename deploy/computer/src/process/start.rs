@@ -1,5 +1,5 @@
-//! Starts a process of Alight that ends with its starter: its standard input is a pipe, and it ends when the
-//! pipe closes, even if the starter was killed.
+//! Starts a process of Alight that ends with its starter: the process ends when its standard input, a pipe, closes,
+//! which it does even if the starter is killed.
 
 use std::ffi::OsStr;
 use std::fs::File;
@@ -14,11 +14,11 @@ use crate::process::notify::SOCKET_VARIABLE;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProcessSurroundings<'a> {
-    /// File to which its standard error is appended; None: this process's standard error.
+    /// File to which standard error is appended; None: this process's standard error.
     pub errors: Option<&'a Path>,
-    /// Directory of the state that survives the process; None: the service manager's.
+    /// State directory, which outlives the process; None: the one that the service manager names.
     pub state: Option<&'a Path>,
-    /// Socket to which it reports that it is ready; None: the service manager's.
+    /// Socket for the notification of readiness; None: the service manager's.
     pub notified: Option<&'a Path>,
 }
 
@@ -40,7 +40,7 @@ pub fn start<W: AsRef<OsStr>>(
         .arg("--supervised")
         .envs(around.state.map(|directory| (STATE_VARIABLE, directory)))
         .envs(around.notified.map(|socket| (SOCKET_VARIABLE, socket)));
-    // Own process group: the terminal's Ctrl-C reaches only the starter, which ends all.
+    // A separate process group: the terminal's Ctrl-C reaches only the starter, which ends all.
     command.process_group(0);
     let mut child = command
         .stdin(Stdio::piped())
@@ -54,7 +54,7 @@ pub fn start<W: AsRef<OsStr>>(
                 .for_each(drop);
         };
         if let Err(e) = std::thread::Builder::new().spawn(read) {
-            // Without a reader its pipe would fill up.
+            // Without a reader the child's pipe would fill up.
             let _gone = child.kill().and_then(|()| child.wait());
             return Err(e);
         }

@@ -1,5 +1,5 @@
-//! Decisions of the supervisor: start a process, restart it after a delay, kill it for silence, or give it
-//! up. A pure function from observations of each process to actions.
+//! Decisions of the supervisor: start a process, restart it after a delay, kill a silent one, or give up. A pure
+//! function from observations of each process to actions.
 
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
@@ -9,16 +9,16 @@ use serde::{Deserialize, Serialize};
 /// Delay before the restart of a process that ended early; doubles with each further failure.
 const INITIAL_BACKOFF: Span = Span::from_millis(100);
 const MAX_BACKOFF: Span = Span::from_millis(2000);
-/// Maximum delay before a restart of the viewers' server. No process needs the server, and the cause of its
-/// failure (a port in use) usually persists.
+/// Maximum delay before a restart of the viewers' server. No process needs the server, and the cause of its failure
+/// (a port in use) usually persists.
 const MAX_VIEW_BACKOFF: Span = Span::from_millis(60_000);
-/// Run time after which a start counts as successful: the process is restarted at the next poll.
+/// Run time after which a start counts as successful; the process is then restarted without delay.
 const STABLE_RUN: Span = Span::from_millis(5000);
-/// Factor on the silence timeout before the first report: a process loads libraries and opens devices, and on
-/// a busy computer starts delay each other.
+/// Factor on the silence timeout before the first report: a process loads libraries and opens devices, and on a busy
+/// computer simultaneous starts delay each other.
 const START_FACTOR: f64 = 5.0;
-/// Maximum number of doublings of a start's silence timeout, one for each kill for silence, because killing a
-/// slow process does not make it faster. A stable run resets it.
+/// Maximum number of doublings of the start's silence timeout, one for each kill for silence, because killing a slow
+/// process does not make it faster. A stable run resets the timeout.
 const MAX_DOUBLINGS: u32 = 3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -33,14 +33,13 @@ pub struct SupervisorLimits {
 pub struct Observed {
     pub kind: ProcessKind,
     pub running: bool,
-    /// Time of its newest report, if any.
     pub reported: Option<Time<SteadyClock>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SupervisorAction {
     Start(ProcessKind),
-    /// Kill it after this silence, s.
+    /// Kill the process after this silence, s.
     Kill(ProcessKind, f64),
     GiveUp(ProcessKind),
 }
@@ -51,7 +50,6 @@ struct Child {
     starts: u32,
     failures: u32,
     started: Time<SteadyClock>,
-    /// Earliest restart.
     due: Time<SteadyClock>,
     backoff: Span,
     was_running: bool,
@@ -96,15 +94,15 @@ impl Child {
     ) -> Option<SupervisorAction> {
         if !observation.running {
             if self.was_running {
-                // Its remains in shared memory are cleaned up before the next start.
+                // The remains in shared memory are cleaned up before the next start.
                 self.on_exit(now);
                 return None;
             }
-            // A simulated world that ended has lost its state: a restart would be another flight.
+            // A simulated world that ended has lost its state: a restart would begin another flight.
             if self.starts > 0 && self.kind == ProcessKind::World || now < self.due {
                 return None;
             }
-            // No process needs the viewers' server, so it ends no flight.
+            // No process needs the viewers' server, so its end does not end a flight.
             let needed = self.kind != ProcessKind::View;
             if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
                 return Some(SupervisorAction::GiveUp(self.kind));
@@ -118,7 +116,7 @@ impl Child {
         let waits = self.kind == ProcessKind::View && observation.reported.is_none();
         let watched = reports && !waits;
         let timeout_s = limits.silence_timeout_s.filter(|_| watched)?;
-        // A report of the process's predecessor does not count for this start.
+        // A report of the predecessor does not count for this start.
         let reported = observation.reported.filter(|at| *at > self.started);
         self.ready = self.ready.or(reported);
         let newest = [Some(self.started), self.killed, reported];
@@ -133,14 +131,12 @@ impl Child {
             SupervisorAction::Kill(self.kind, silence_s)
         })
     }
-    /// Permitted silence, s.
     fn allowed_s(&self, timeout_s: f64) -> f64 {
         let factor = if self.ready.is_some() { 1.0 } else { START_FACTOR };
         timeout_s * factor * f64::from(1_u32 << self.silences.min(MAX_DOUBLINGS))
     }
 }
 
-/// The supervisor's decisions as a node.
 #[derive(Clone, Debug)]
 pub struct SupervisorNode {
     limits: SupervisorLimits,
@@ -266,7 +262,7 @@ mod tests {
                     }
                 }
             }
-            // Within two polls: a permitted silence is a product of floating-point numbers.
+            // Within two polls, because a permitted silence is a product of floating-point numbers.
             let near = |(a, b): (&i64, &i64)| (a - b).abs() <= 40;
             let same = killed.len() == kills.len() && killed.iter().zip(&kills).all(near);
             assert!(same, "{kind:?}: {killed:?}");
@@ -281,8 +277,8 @@ mod tests {
         }
     }
 
-    /// Times of each start and kill of a process, ms, on a busy computer on which each start takes `start_ms`
-    /// until the first report. Then the processes report twice a second, except while they `hang`.
+    /// Times of each start and kill of a process, ms, on a busy computer on which a process takes `start_ms` to its
+    /// first report. The process then reports at 2 Hz, except at times when `hang` is true.
     fn on_a_busy_computer(
         kinds: &[ProcessKind],
         start_ms: i64,

@@ -22,12 +22,12 @@ use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 /// Process name under which the supervisor's steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";
-/// Time for processes to end when asked, ns; `TimeoutStopSec` of the services is longer.
+/// Time that processes have to end when asked, ns; `TimeoutStopSec` of the services is longer.
 const GRACE_NS: i64 = 4_000_000_000;
 
 struct ManagedProcess {
     kind: ProcessKind,
-    /// Arguments before the program, which enter its network namespace.
+    /// Command prefix that enters the network namespace of the processes.
     prefix: Vec<String>,
     arguments: Vec<String>,
     child: Option<Child>,
@@ -39,24 +39,23 @@ pub struct Supervisor {
     processes: Vec<ManagedProcess>,
     directory: PathBuf,
     flight: Option<PathBuf>,
-    /// Directory of the state that survives a process; None: the service manager's.
+    /// State directory, which outlives the processes; None: the one that the service manager names.
     state: Option<PathBuf>,
     /// Processes write errors to the supervisor's standard error, not to files.
     inherit_stderr: bool,
     lines: (Sender<String>, Receiver<String>),
-    /// In flight, a process that cannot start does not end the others.
+    /// As in flight, a process that cannot start does not end the others.
     keeps_others: bool,
-    /// Events of the first start of a process, for the next poll.
+    /// Events of a process's first start, returned by the next poll.
     events: Vec<SupervisorEvent>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum SupervisorEvent {
-    /// It ended, and is restarted unless it is the world.
+    /// The process ended, and is restarted unless it is the world.
     Ended(ProcessKind, String),
-    /// It was silent for this time, s, and is killed.
+    /// The process was silent for this time, s, and is killed.
     Silent(ProcessKind, f64),
-    /// It could not start, and is retried.
     NotStarted(ProcessKind, String),
 }
 
@@ -81,8 +80,8 @@ impl fmt::Display for SupervisorEvent {
 }
 
 impl Supervisor {
-    /// Supervisor without processes. Their standard error will go to files in `directory`, the record of the
-    /// decisions to `flight`.
+    /// Supervisor without processes. Errors of its processes go to files in `directory`, the record of its decisions
+    /// to `flight`.
     pub fn new(
         directory: PathBuf,
         flight: Option<PathBuf>,
@@ -123,7 +122,7 @@ impl Supervisor {
         self.state = Some(directory);
         self
     }
-    /// Starts a process with these arguments of the program, after the command `prefix`.
+    /// Starts a process with these program arguments, after the command `prefix`.
     pub fn start(
         &mut self,
         kind: ProcessKind,
@@ -178,8 +177,8 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Restarts ended processes after a delay, and kills silent ones. `reported` returns the time of a
-    /// process's newest report on the steady clock, ns.
+    /// Restarts ended processes after a delay, and kills silent ones. `reported` returns the time of a process's
+    /// newest report on the steady clock, ns.
     pub fn poll(
         &mut self,
         reported: impl Fn(ProcessKind) -> Option<i64>,
@@ -220,7 +219,7 @@ impl Supervisor {
                 SupervisorAction::GiveUp(kind) => {
                     let error = self.last_error_line(kind).unwrap_or_default();
                     return Err(CliError(format!(
-                        "the process {} ended again and again: {error}",
+                        "the process {} ended repeatedly: {error}",
                         kind.name()
                     )));
                 }
@@ -232,7 +231,6 @@ impl Supervisor {
     pub fn output_lines(&self) -> Vec<String> {
         self.lines.1.try_iter().collect()
     }
-    /// Waits for the last lines of a process that has ended.
     pub fn remaining_lines(&self) -> Vec<String> {
         let first = self.lines.1.recv_timeout(Duration::from_millis(500));
         first.into_iter().chain(self.lines.1.try_iter()).collect()
@@ -293,8 +291,8 @@ pub fn arguments(kind: ProcessKind, config: &Path) -> Vec<String> {
     ]
 }
 
-/// This process's own program, even if an upgrade has replaced its file: the kernel keeps the old file while
-/// it runs, so all processes of a supervisor have the same version.
+/// This process's own program, even if an upgrade has replaced its file: the kernel keeps the old file while it runs,
+/// so all processes of a supervisor have the same version.
 fn own_program() -> std::io::Result<PathBuf> {
     let file = std::env::current_exe()?;
     Ok(if file.exists() {

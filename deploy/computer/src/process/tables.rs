@@ -1,4 +1,4 @@
-//! Tables of the processes' reports: resource use, age of inputs, radio.
+//! Tables of the processes' reports: resource use, ages of inputs, radio.
 
 use alight_shared::process::{InputState, ProcessKind};
 use alight_shared::topics::{self, Topic};
@@ -32,8 +32,8 @@ impl Snapshot {
         table.text()
     }
 
-    /// Delay from a measurement on the vessel to the set-point, by part: age of each message when read,
-    /// duration of each step.
+    /// Delay from a measurement on the vessel to the set-point, by stage: age of each message when read, duration of
+    /// each step.
     pub fn stages(&self) -> String {
         const STAGES: [(ProcessKind, &Topic); 6] = [
             (ProcessKind::Predictor, &topics::BRIDGE_ESTIMATE),
@@ -80,7 +80,6 @@ impl Snapshot {
         table.text()
     }
 
-    /// Table of the topics, with the values of each reader.
     pub fn topics(&self) -> String {
         let heads = [
             "reader",

@@ -1,5 +1,5 @@
-//! Deck, drone and paths as coloured points (`foxglove.PointCloud`): every viewer draws points, including those that do
-//! not know the shapes of a `foxglove.SceneUpdate`.
+//! Deck, drone and paths as coloured points (`foxglove.PointCloud`): every viewer draws points, including viewers
+//! that do not support the shapes of a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use foxglove::messages::packed_element_field::NumericType;
@@ -7,14 +7,12 @@ use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
 
 use crate::record::geometry::{frame, pose};
 
-/// Distance between two points of an outline, m.
 const SPACING_M: f64 = 0.05;
-/// Maximum number of points of one line or circle; a deck of any length can be drawn.
+/// Maximum number of points of one line or circle, which bounds the message for a deck of any length.
 const POINTS: u32 = 400;
 /// Bytes of one point: three coordinates and a colour.
 const STRIDE: u32 = 16;
 
-/// Red, green, blue.
 type Rgb = [u8; 3];
 const ORANGE: Rgb = [220, 140, 50];
 const WHITE: Rgb = [240, 240, 240];

@@ -1,12 +1,10 @@
-//! Record of a node's step: time, input bit for bit, hash of the output; and the header that names the
-//! process.
+//! Record of a node's step: time, input bit for bit, hash of the output; and the header that names the process.
 //!
-//! The flight recorder's files hold every input in full, so that each process can be replayed without the
-//! others, even if one was killed. Forecasts and plans are nine tenths of all bytes, and each is another
-//! node's output. A recording has all nodes in one file and therefore refers to them by sequence number. The
-//! replay inserts the forecast and the plan that it has computed; the hash of each output shows whether the
-//! bits are equal. Four nodes receive the drone's state in the same tick: the first entry holds it, the
-//! others refer to it.
+//! The flight recorder's files hold every input in full, so that each process can be replayed without the others,
+//! even if one was killed. Forecasts and plans are nine tenths of all bytes, and each is the output of another node.
+//! A recording has all nodes in one file and therefore refers to them by sequence number. The replay inserts the
+//! forecast and the plan that it has computed; the hash of each output shows whether the bits are equal. Four nodes
+//! receive the drone's state in the same tick: the first entry holds it, the others refer to it.
 
 use core::any::Any;
 use std::collections::BTreeMap;
@@ -17,23 +15,19 @@ use alight_shared::time::{Clock, DroneClock};
 use alight_shared::wire::{self, WireError};
 use serde::{Deserialize, Serialize};
 
-/// MCAP message encoding of a channel of steps.
 pub const ENCODING: &str = "alight-step";
-/// Format of the entries; a reader rejects any other.
+/// Format of the entries; a reader rejects every other format.
 pub const FORMAT: u32 = 22;
 
-/// One step of a node.
 #[derive(Serialize, Deserialize)]
 pub struct Entry<I> {
-    /// The node's own time, ns.
     pub now_ns: i64,
     pub input: I,
     pub references: References,
-    /// [`alight_shared::wire::hash_record`] of its output.
     pub output: u64,
 }
 
-/// Appends the bytes of an [`Entry`], for any types of input and output.
+/// Appends the bytes of an [`Entry`] with any types of input and output.
 pub fn append(
     to: &mut Vec<u8>,
     now_ns: i64,
@@ -45,8 +39,8 @@ pub fn append(
     wire::append_record(to, &(references, hash))
 }
 
-/// [`alight_shared::wire::hash_record`] of an output. It is encoded at the end of `scratch` first, to be
-/// hashed in one run instead of number by number.
+/// [`alight_shared::wire::hash_record`] of an output. It is first encoded at the end of `scratch`, to be hashed in
+/// one run instead of number by number.
 pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireError> {
     let begin = scratch.len();
     let appended = output.append(scratch);
@@ -59,16 +53,16 @@ pub fn hash(output: &dyn Recorded, scratch: &mut Vec<u8>) -> Result<u64, WireErr
 pub struct PartHeader {
     pub process: String,
     pub boot: u32,
-    /// Start of the process on the computer's steady clock, ns, which orders its starts.
+    /// Start time of the process on the computer's steady clock, ns, which orders its starts.
     pub began_ns: i64,
-    /// Number of the first step in the file, from 0; above 0 from the second part on, and if the first steps
-    /// could not be written.
+    /// Number of the first step in the file, from 0; above 0 from the second part on, and if the first steps could
+    /// not be written.
     pub first_step: u64,
     pub config: String,
 }
 
 impl PartHeader {
-    /// The header as names and values; the configuration is attached as `config`.
+    /// The header as names and values; the configuration is a separate attachment, `config`.
     pub fn values(&self, config: &str) -> BTreeMap<String, String> {
         [
             ("format", FORMAT.to_string()),
@@ -93,13 +87,12 @@ impl PartHeader {
     }
 }
 
-/// Locations of the parts that an input leaves out; empty in the flight recorder's files.
+/// References to the parts that an input leaves out; empty in the flight recorder's files.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct References {
     /// Boot id and sequence number, as for the plan.
     forecast: Option<(u32, u32)>,
     plan: Option<(u32, u32)>,
-    /// The drone's state is the newest in the file.
     drone: bool,
 }
 
@@ -107,8 +100,8 @@ pub struct References {
 pub struct NewestHeader(Option<Header<DroneClock>>);
 
 impl References {
-    /// Removes from an input's `part` the data that the file already holds. The file lacks the last steps of
-    /// a killed process.
+    /// Removes from an input's `part` the data that the file already holds. The file lacks the last steps of a killed
+    /// process.
     pub fn take(&mut self, part: &mut dyn Any, newest: &mut NewestHeader, written: &Computed) {
         if let Some(slot) = part.downcast_mut::<Option<DeckForecast>>() {
             let taken = slot.take_if(|f| find(&written.forecasts, |k| &k.header, name(&f.header)).is_ok());
@@ -135,7 +128,7 @@ pub struct Missing;
 /// Number of forecasts and plans to keep: more than can be in transit between two nodes.
 const KEPT: usize = 128;
 
-/// Outputs that the replay has computed or a recording has written, newest last.
+/// Outputs that the replay has computed or the recording has written, newest last.
 #[derive(Default)]
 pub struct Computed {
     forecasts: Vec<DeckForecast>,

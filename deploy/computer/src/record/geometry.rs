@@ -8,7 +8,7 @@ pub mod frame {
     pub const WORLD: &str = "world";
     /// NED of the true world.
     pub const NED: &str = "ned";
-    /// East, north, up at the vessel's position on the water, for a viewer's camera that follows it. In the
+    /// East, north, up at the vessel's position on the water, for a viewer's camera that follows the vessel. In the
     /// vessel's own frame, whose third axis points down, that camera would be upside down.
     pub const CHASE: &str = "chase";
     pub const VESSEL: &str = "vessel";
@@ -19,7 +19,7 @@ pub mod frame {
     pub const DRONE_NED: &str = "drone_ned";
 }
 
-/// Position in [`frame::WORLD`] on the water below or above a position in [`frame::NED`].
+/// Converts a position in [`frame::NED`] to the point on the water below or above it, in [`frame::WORLD`].
 pub fn on_the_water([north, east, _]: [f64; 3]) -> [f64; 3] {
     [east, north, 0.0]
 }

@@ -18,7 +18,6 @@ use crate::record::{About, FOREIGN_PLANS, LIVE};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {
-    /// Process, and number of the first step in the files.
     pub header: PartHeader,
     /// Files with its steps, in order.
     pub files: Vec<PathBuf>,
@@ -45,11 +44,10 @@ impl ProcessStart {
     fn is_of(&self, header: &PartHeader) -> bool {
         (&self.header.process, self.header.boot) == (&header.process, header.boot)
     }
-    /// Kind of the process; None for a supervisor.
     pub fn kind(&self) -> Option<ProcessKind> {
         ProcessKind::named(&self.header.process)
     }
-    /// Order of entries of equal times: the world, then the rows in data-flow order.
+    /// Order among entries of equal time: the world, then the rows in data-flow order.
     pub fn rank(&self) -> Option<usize> {
         let kind = self.kind()?;
         let rows = alight_usv::computer::PROCESSES.iter();
@@ -60,9 +58,8 @@ impl ProcessStart {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayOrder {
-    /// One start after the other: one file at a time is in memory.
+    /// One start after the other, with one file at a time in memory.
     ByStart,
-    /// All steps in the order of their times.
     ByTime,
 }
 
@@ -107,19 +104,19 @@ impl Log {
     pub fn is_recording(&self) -> bool {
         self.is_recording
     }
-    /// Whether its steps have the time of a simulated world in addition to the node's own time.
+    /// Whether steps have the time of a simulated world in addition to the node's own time.
     fn has_world_time(&self) -> bool {
         self.is_recording || !self.is_live()
     }
-    /// Whether its nodes were processes, which begin by waiting for a predecessor's checkpoint.
+    /// Whether the nodes were processes, which begin by waiting for a predecessor's checkpoint.
     pub fn is_live(&self) -> bool {
         self.about.values.get(LIVE).is_none_or(|v| v != "0")
     }
-    /// Whether another program was the planner, so that its steps hold their outputs alone.
+    /// Whether another program was the planner, in which case its steps hold only their outputs.
     pub fn has_foreign_plans(&self) -> bool {
         self.about.values.contains_key(FOREIGN_PLANS)
     }
-    /// A text attached to a recording; empty without one.
+    /// Text attached to a recording; empty if absent.
     pub fn text(&self, name: &str) -> &str {
         self.about.texts.get(name).map_or("", String::as_str)
     }
@@ -134,7 +131,6 @@ impl Log {
             ))
         })
     }
-    /// UTC minus the true time, if known.
     pub fn utc_ahead(&self) -> Result<Span, CliError> {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
@@ -144,13 +140,12 @@ impl Log {
         }
         Ok(Span::from_nanos(0))
     }
-    /// The log with the starts of these processes only.
     pub fn only(mut self, processes: &[&str]) -> Log {
         self.starts
             .retain(|s| processes.contains(&s.header.process.as_str()));
         self
     }
-    /// Every step with the index of its start and its true time (in a recording, the recording's).
+    /// Every step with the index of its start and its true time (in a recording, the recording's time).
     pub fn steps(
         &self,
         order: ReplayOrder,
@@ -189,7 +184,7 @@ impl Log {
     }
 }
 
-/// Starts of which these parts hold steps, by process name, then in order.
+/// Starts whose steps these parts hold, sorted by process name and then in order.
 fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     let mut found = Vec::new();
     for part in parts {
@@ -216,7 +211,7 @@ fn starts(parts: Vec<PathBuf>) -> Result<Vec<ProcessStart>, CliError> {
     Ok(starts)
 }
 
-/// Steps of several files in sequence; one file at a time is in memory.
+/// Steps of several files in sequence, with one file at a time in memory.
 struct Steps {
     waiting: VecDeque<PathBuf>,
     file: Option<LogFile>,

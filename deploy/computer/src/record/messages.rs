@@ -13,7 +13,7 @@ use alight_uav::planner::PlannerOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use alight_usv::{ComputerIn, ComputerOut};
 
-/// Message, with its time of sending if that matters.
+/// Message, with the time at which it was sent if that matters.
 #[derive(Clone, Copy)]
 pub enum Message<'a> {
     Sensors(&'a SensorReadings),
@@ -29,20 +29,19 @@ pub enum Message<'a> {
     Uvdar(&'a UvdarFix),
     Range(&'a RangeSample),
     Forecast(&'a DeckForecast),
-    /// Follows the forecast of the same time.
+    /// Comes after the forecast of the same time.
     Drone(&'a DroneState),
     Command(&'a Command),
     Autopilot(&'a AutopilotState),
     Mission(&'a MissionState),
     Plan(Time<DroneClock>, &'a Plan),
-    /// The plan as the pilot received it.
     FlownPlan(&'a Plan),
     SetPoint(Time<DroneClock>, &'a SetPoint),
     Touchdown(&'a Touchdown),
 }
 
-/// Passes the messages of a step to `each`, in the step of the row that writes them; those of sensors and
-/// operators in the step that uses them.
+/// Passes the messages of a step to `each`: in the step of the row that writes them, or, for messages of sensors and
+/// operators, in the step that uses them.
 pub fn each_message(step: &Step<'_>, each: &mut dyn FnMut(Message<'_>)) {
     let now = Time::from_nanos(step.now_ns);
     if let (Some(i), Some(o)) = (step.input::<ComputerIn>(), step.output::<ComputerOut>()) {

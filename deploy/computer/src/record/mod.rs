@@ -29,21 +29,21 @@ pub mod views;
 
 pub use recorder::Recorder;
 
-/// Process that records the truth of a simulated world.
+/// Name of the process that records the truth of a simulated world.
 pub const WORLD: &str = "world";
 const EXTENSION: &str = "mcap";
 /// Metadata record that identifies the process of a file's steps; one for each process.
 const PROCESS: &str = "process";
-/// Metadata record of a recording.
 const RECORDING: &str = "recording";
-/// Key in that record: 0 if its nodes were not processes, which begin by waiting for a predecessor's checkpoint.
+/// Key in that record: 0 if the nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
-/// Key in that record: 1 if another program was the planner. Its steps hold their outputs in place of their inputs.
+/// Key in that record: 1 if another program was the planner. The planner's steps then hold their outputs in place of
+/// their inputs.
 pub const FOREIGN_PLANS: &str = "foreign_plans";
-/// Attachment of a recording in which another planner than the drone's flew.
+/// Attachment of a recording in which a planner other than the drone's flew.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
-/// Topic of the steps of a start; a restarted process has its own, so `before` lists the earlier starts.
+/// Topic of the steps of a start; a restarted process has a separate topic, so `before` lists the earlier starts.
 fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeader>) -> String {
     let (process, boot) = (&header.process, header.boot);
     match before.any(|h| h.process == *process) {

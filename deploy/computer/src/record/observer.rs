@@ -1,4 +1,4 @@
-//! Observer of a flight, running or replayed: receives every step and changes none.
+//! Observer of a running or replayed flight, which receives every step and changes none.
 
 use alight_shared::step::Step;
 use alight_shared::time::{Time, TrueTime};
@@ -7,9 +7,8 @@ use alight_shared::wire::WireError;
 use crate::record::entry::PartHeader;
 
 pub trait StepObserver {
-    /// Step at `t`, the world's time.
     fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>);
-    /// A recorded step that is not replayed: of the simulated world, or of a row that lacks an input.
+    /// Step that is recorded but not replayed: of the simulated world, or of a row that lacks an input.
     fn recorded(&mut self, _t: Time<TrueTime>, _of: &PartHeader, _entry: &[u8]) -> Result<(), WireError> {
         Ok(())
     }

@@ -1,5 +1,5 @@
-//! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's
-//! stated size, and a damaged size would end the program.
+//! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's stated
+//! size, and a damaged size would end the program.
 
 /// Maximum number of bytes in a chunk; ours are far smaller.
 const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
@@ -17,7 +17,7 @@ fn number(bytes: &[u8], at: usize) -> Option<u64> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outline {
     pub end: usize,
-    /// Description of the bytes after that; None: the file was finished.
+    /// Description of the invalid rest of the file; None: the file was finished.
     pub cut: Option<String>,
 }
 

@@ -1,6 +1,6 @@
-//! Reader of a log's files: those of the flight recorder, and recordings.
+//! Reader of log files: those of the flight recorder, and recordings.
 //!
-//! A flight recorder's file without an end, after a kill or a power cut, is read up to its last whole chunk.
+//! A flight recorder's file without an end, after a kill or a power cut, is read up to its last complete chunk.
 
 use std::collections::BTreeMap;
 use std::fmt::Display;
@@ -21,11 +21,11 @@ use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 const OF_FLIGHTS: &str = "alight flights lists the recorded ones";
 /// Maximum size of a file, and of all its steps together, bytes.
 const MAX_FILE_BYTES: u64 = 2 << 30;
-/// Maximum size of a file's beginning, configurations included, bytes.
+/// Maximum size of the beginning of a file, including configurations, bytes.
 const MAX_BEGINNING_BYTES: u64 = 1 << 20;
 
-/// Runs `read` and turns a panic of the MCAP reader into an error: version 0.26 reserves the memory that a
-/// damaged length field claims, and panics when the capacity overflows.
+/// Runs `read` and converts a panic of the MCAP reader into an error: version 0.26 reserves the memory that a damaged
+/// length field states, and panics when the capacity overflows.
 pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> Result<T, CliError> {
     let loud = std::panic::take_hook();
     std::panic::set_hook(Box::new(|_| {}));
@@ -42,11 +42,10 @@ pub fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T, CliError>) -> 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LogStep<'a> {
     pub header: &'a PartHeader,
-    /// Number of the step in its start of the process, from 0.
+    /// Number of the step within its start of the process, from 0.
     pub number: u64,
     /// Log time, ns: UTC since 1970; in a recording, the world's time.
     pub log_ns: u64,
-    /// An encoded [`Entry`].
     pub bytes: &'a [u8],
 }
 
@@ -99,7 +98,7 @@ impl LogBeginning {
             false => Ok(self),
         }
     }
-    /// Reads the beginning from `file`: all bytes of the file, or its first bytes if `goes_on`.
+    /// Reads the beginning from `file`, which holds all bytes of the file, or its first bytes if `goes_on`.
     fn of(path: &Path, file: &[u8], goes_on: bool) -> Result<LogBeginning, CliError> {
         let origin = path.display();
         let mut found = LogBeginning {
@@ -171,14 +170,14 @@ fn damaged(origin: impl Display, why: impl Display) -> CliError {
     ))
 }
 
-/// The file's records, with whole chunks; the end may be missing.
+/// Records of the file, in whole chunks; the end of the file may be missing.
 fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
     LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
 }
 
 pub struct LogFile {
     pub headers: Vec<PartHeader>,
-    /// Reason why the file has no end; None: it was finished.
+    /// Reason why the file has no end; None: the file was finished.
     pub cut: Option<String>,
     /// Index of the header, number, time and end in `bytes` of each step.
     marks: Vec<(usize, u64, u64, usize)>,
@@ -274,7 +273,7 @@ impl LogFile {
             }
             Ok(())
         };
-        // Only a whole chunk counts, because its checksum comes at its end.
+        // Only a complete chunk counts, because its checksum is at its end.
         let taken = take();
         if taken.is_err() {
             self.marks.truncate(marks);
@@ -322,7 +321,7 @@ pub fn is_whole(path: &Path) -> bool {
     end().is_ok_and(|e| e == mcap::MAGIC)
 }
 
-/// Process, boot id and number of a part, from its file name.
+/// Process, boot id and number of a part, parsed from its file name.
 pub fn parse_name(path: &Path) -> Option<(String, u32, u32)> {
     let stem = path
         .file_name()?

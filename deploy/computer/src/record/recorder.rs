@@ -1,4 +1,4 @@
-//! Export of a flight to one file: every node's steps in a separate channel, and views for users.
+//! Export of a flight to one file: every node's steps on a separate channel, and views for users.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,11 +17,9 @@ use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
 use crate::record::{About, FOREIGN_PLANS, RECORDING};
 
-/// Writes the steps of a running flight or of a replayed log.
 pub struct Recorder {
     pub sink: Sink,
     pub views: Views,
-    /// Starts so far, and their channels.
     starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,

@@ -1,5 +1,5 @@
-//! Vessel, deck and drone in Foxglove's scene: as the drone estimates them, or as they are in a recording of
-//! the simulation.
+//! Vessel, deck and drone in Foxglove's scene: as the drone estimates them, or with their true poses in a recording
+//! of the simulation.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DroneState};
@@ -22,11 +22,9 @@ pub struct Scenery {
     scene: ViewTopic<SceneUpdate>,
     deck_points: ViewTopic<PointCloud>,
     drone_points: ViewTopic<PointCloud>,
-    /// Period at which shapes are sent, ms.
     period_ms: i64,
-    /// Whether the last shapes included the drone.
     shown: Option<bool>,
-    /// Water level, m down, from the deck's mean level in the drone's NED, whose origin may be at any height.
+    /// Water level relative to the deck's mean level, m down, in the drone's NED, whose origin may be at any height.
     water_m: Option<f64>,
 }
 
@@ -63,7 +61,6 @@ impl Scenery {
     pub fn in_scene(&self, [north, east, down]: [f64; 3]) -> [f64; 3] {
         [north, east, down - self.water_m.unwrap_or_default()]
     }
-    /// Shows the drone at its own estimate.
     pub fn show(
         &mut self,
         sink: &mut impl TakeMessages,

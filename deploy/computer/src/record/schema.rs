@@ -1,5 +1,5 @@
-//! Message types of a recording's plots that have no well-known schema. SI units; angles in degrees where the
-//! name states it. A field without a value is not written.
+//! Message types for a recording's plots that have no well-known schema. SI units; angles in degrees where the name
+//! states it. A field without a value is not written.
 
 // Derived schemas list files in a hash set, whose order has no effect.
 #![allow(clippy::disallowed_types)]
@@ -51,7 +51,7 @@ pub struct Heading {
     pub heading_sd_deg: f64,
 }
 
-/// Fix from ultraviolet markers.
+/// Fix by ultraviolet markers.
 #[derive(Encode)]
 pub struct Uvdar {
     pub position_m: [f64; 3],
@@ -76,7 +76,7 @@ pub struct Link {
     pub rejected: u32,
 }
 
-/// Source ages of the forecast, and its deck now and 1 s ahead.
+/// Ages of the forecast's sources, and its deck now and 1 s ahead.
 #[derive(Encode)]
 pub struct Forecast {
     pub source: String,
@@ -147,9 +147,9 @@ pub struct SetPoint {
 }
 
 /// True state of drone and deck. Positions are the drone's centre of mass and the deck's centre, heights up;
-/// `forward_m`, `starboard_m` and `height_above_deck_m` are the vector from the deck's centre to the centroid
-/// of the feet in the deck's axes, in which the errors are drone minus deck. The wind is the air's velocity
-/// at the drone, including gusts and the deck's lee, NED, towards.
+/// `forward_m`, `starboard_m` and `height_above_deck_m` are the vector from the deck's centre to the centroid of the
+/// feet in the deck's axes, in which errors are drone minus deck. The wind is the air's velocity at the drone,
+/// including gusts and the deck's lee, NED (towards).
 #[derive(Encode)]
 pub struct Truth {
     pub deck_north_m: f64,

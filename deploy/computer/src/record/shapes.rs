@@ -19,7 +19,6 @@ fn cube(centre: [f64; 3], size: [f64; 3], color: Option<Color>) -> CubePrimitive
     }
 }
 
-/// The scene at `timestamp`; shapes move with their frames.
 pub fn scene(timestamp: Timestamp, deck: &DeckGeometry, airframe: &DroneGeometry) -> SceneUpdate {
     let entity = |frame: &str, id: &str| SceneEntity {
         timestamp: Some(timestamp),

@@ -1,5 +1,3 @@
-//! Writer of a log's file.
-
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Write};
@@ -12,7 +10,6 @@ use crate::record::entry::{ENCODING, PartHeader};
 use crate::record::{PROCESS, topic};
 
 const CHUNK_BYTES: u64 = 1 << 20;
-/// Bytes per write to the disk.
 const BUFFER_BYTES: usize = 1 << 20;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -24,7 +21,7 @@ pub trait OpenChannels {
 }
 
 pub trait TakeMessages {
-    /// Takes a message of time `t_ns`, which `encode` appends to the given buffer.
+    /// Writes a message of time `t_ns`, which `encode` appends to the given buffer.
     fn message<E>(
         &mut self,
         channel: ChannelId,
@@ -33,7 +30,7 @@ pub trait TakeMessages {
     ) -> Result<(), E>;
 }
 
-/// Text of an error for users: the system's own, if there is one.
+/// Error text for users: the system's own, if there is one.
 pub fn why(error: &McapError) -> String {
     match error {
         McapError::Io(e) => e.to_string(),
@@ -66,16 +63,17 @@ pub struct Sink {
     writer: Writer<BufWriter<File>>,
     sequences: BTreeMap<u16, u32>,
     scratch: Vec<u8>,
-    /// Error after which messages are lost.
+    /// First error, after which all messages are lost.
     failed: Option<McapError>,
 }
 
 impl Sink {
-    /// Creates a recording. It is not compressed: LZ4 would halve the file and double the processor time of recording.
+    /// Creates a recording. It is not compressed: LZ4 would halve the file and double the processor time of
+    /// recording.
     pub fn create(path: &Path) -> Result<Sink, McapError> {
         Sink::of(File::create(path)?, None, false)
     }
-    /// Begins in `file`. With `whole_chunks` each chunk is written when complete, otherwise as it grows.
+    /// Begins a log in `file`. If `whole_chunks`, each chunk is written when complete, otherwise as it grows.
     pub fn of(file: File, compression: Option<Compression>, whole_chunks: bool) -> Result<Sink, McapError> {
         let options = WriteOptions::new()
             .profile("")
@@ -90,7 +88,7 @@ impl Sink {
             failed: None,
         })
     }
-    /// Writes the header of a start, after these earlier starts; returns the channel of its steps.
+    /// Writes the header of a start that follows these earlier starts; returns the channel of its steps.
     pub fn process<'a>(
         &mut self,
         header: &PartHeader,
@@ -107,7 +105,7 @@ impl Sink {
         let none = BTreeMap::new();
         Ok(ChannelId(self.writer.add_channel(0, &topic, ENCODING, &none)?))
     }
-    /// Stores the error; messages are lost from now on.
+    /// Stores the error; later messages are lost.
     pub fn fail(&mut self, error: McapError) {
         self.failed.get_or_insert(error);
     }
@@ -126,7 +124,6 @@ impl Sink {
             metadata: values,
         })
     }
-    /// Writes a message with this number in its channel.
     pub fn write(
         &mut self,
         channel: ChannelId,

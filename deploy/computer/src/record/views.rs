@@ -1,5 +1,3 @@
-//! Views of a flight's messages: transforms, paths, states and numbers at display rates.
-
 use core::marker::PhantomData;
 
 use alight_shared::msg::{
@@ -21,7 +19,8 @@ use crate::record::messages::Message;
 use crate::record::sink::{ChannelId, OpenChannels, TakeMessages};
 use crate::record::{cloud, schema};
 
-/// Display periods, ms: paths and states; attitudes and positions near a drone; attitudes and positions without one.
+/// Display periods, ms: paths and states; attitudes and positions near a drone; attitudes and positions without a
+/// drone.
 const SLOW_MS: i64 = 100;
 const FAST_MS: i64 = 40;
 const ALONE_MS: i64 = 200;
@@ -35,7 +34,7 @@ impl<M: Encode> ViewTopic<M> {
         Ok(ViewTopic(channel, PhantomData))
     }
     pub fn put(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &M) {
-        // A vector grows: the encoding cannot run out of space.
+        // A vector grows, so the encoding cannot run out of space.
         let _encoded = sink.message(self.0, stamp(t), |to| message.encode(to));
     }
 }
@@ -50,7 +49,6 @@ pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
     Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or(Timestamp::MAX)
 }
 
-/// Whether `t` lies on the grid of a period.
 pub fn due(t: Time<TrueTime>, period_ms: i64) -> bool {
     t.nanos() % (period_ms * 1_000_000) == 0
 }
@@ -71,7 +69,7 @@ pub fn transform(
     }
 }
 
-/// Limits the rate to one per period, independent of any time grid.
+/// Limits a rate to one message per period, independent of a time grid.
 struct Throttle {
     last: Time<TrueTime>,
 }
@@ -87,7 +85,6 @@ impl Throttle {
     }
 }
 
-/// Channels, and the values shown last.
 pub struct Views {
     pub transforms: ViewTopic<FrameTransforms>,
     forecast_path: ViewTopic<PosesInFrame>,
@@ -115,7 +112,6 @@ pub struct Views {
     has_vessel: bool,
     /// True position of the drone in the vessel's NED, if known.
     pub true_drone: Option<[f64; 3]>,
-    /// The mission's newest odometry.
     drone: Option<DroneState>,
     shown_state: Option<(State, ReasonCode)>,
     plan_at: Option<Time<DroneClock>>,
@@ -172,8 +168,7 @@ impl Views {
         )
     }
 
-    /// Shows a message at `t`, except the odometry of a received vessel, whose origin is a position of the
-    /// vessel.
+    /// Shows a message at `t`, except the odometry of a received vessel, whose origin is a position of the vessel.
     pub fn message(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &Message<'_>) {
         match *message {
             Message::Sensors(m) => self.sensors(sink, t, m),
@@ -327,7 +322,7 @@ impl Views {
     }
 
     fn forecast(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, f: &DeckForecast) {
-        // A throttle, not a grid: the forecast comes on the predictor's ticks.
+        // A throttle, not a time grid, because the forecast comes on the predictor's ticks.
         if !self.forecasts.passes(t) {
             return;
         }
@@ -360,7 +355,7 @@ impl Views {
             metadata: Vec::new(),
         };
         self.drone_odometry.put(sink, t, &odometry);
-        // Forecast and plan are in the drone's own NED: that frame is placed so that the odometry matches the drone.
+        // Forecast and plan are in the drone's own NED frame, which is placed so that the odometry matches the drone.
         if let Some(at) = self.true_drone {
             let offset = Vector3::from(at) - d.position();
             let still = UnitQuaternion::identity();

@@ -1,5 +1,5 @@
-//! The crew's orders for deck and course, from a command or a page on the vessel's computer to its process,
-//! repeated until its status confirms them.
+//! Crew's orders for deck and course, sent from a command or a page on the vessel's computer to the vessel's process,
+//! and repeated until its status confirms them.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ pub struct OrderOnItsWay {
 }
 
 impl OrderOnItsWay {
-    /// Begins to send an order to this computer's vessel process.
+    /// Begins to send an order to the vessel's process on this computer.
     pub fn give(
         memory: &Memory,
         computer: &VesselComputerConfig,
@@ -40,7 +40,7 @@ impl OrderOnItsWay {
             statuses: memory.subscriber()?,
         })
     }
-    /// Sends the order when it is due; returns the status that confirms it.
+    /// Sends the order when due; returns the status that confirms it.
     pub fn poll(&mut self) -> Option<VesselStatus> {
         let names_it = |s: &VesselStatus| s.orders.contains(&self.order.message.header.boot);
         let answer = self.statuses.newest(steady_ns()).filter(names_it);
@@ -52,7 +52,8 @@ impl OrderOnItsWay {
     pub fn is_over(&self) -> bool {
         self.order.is_over(steady())
     }
-    /// Waits for the status that confirms the order; None if it was not accepted in time or a signal ended the wait.
+    /// Waits for the status that confirms the order; None if the order was not accepted in time or a signal ended the
+    /// wait.
     pub fn wait(mut self, memory: &Memory) -> Option<VesselStatus> {
         loop {
             let answer = self.poll();

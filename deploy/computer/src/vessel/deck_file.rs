@@ -1,11 +1,11 @@
 //! File of the deck's checkpoint.
 //!
-//! It is replaced atomically at each change, with version and checksum, so the next start finds the old state
-//! or the new one. If the file is missing, unreadable, or cannot be replaced at the start (it may be
-//! outdated), the state is unknown and the deck stays closed until the crew opens it. A file that cannot be
-//! replaced later is removed, so that no start finds it. It remains only on a disk that became read-only; a
-//! start after that disk became writable again would trust it. The installation or a launcher writes the
-//! first file, because nothing stands on the deck yet.
+//! It is replaced atomically at each change, with version and checksum, so the next start finds either the old state
+//! or the new one. If the file is missing, unreadable, or cannot be replaced at the start (and may be outdated), the
+//! state is unknown and the deck stays closed until the crew opens it. A file that cannot be replaced later is
+//! removed, so that no start finds it. It remains only on a disk that became read-only; a start after that disk
+//! became writable again would trust it. The installation or a launcher writes the first file, because nothing stands
+//! on the deck yet.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,7 +21,6 @@ use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
 const LAYOUT: u32 = 7;
-/// First file: an open deck on which nothing stands.
 const FIRST: &[u8] = b"\"open\"";
 
 fn owner(vessel: u32) -> String {
@@ -59,8 +58,7 @@ pub fn write_first(directory: &Path, computer: &VesselComputerConfig) -> Result<
     replace(&path, FIRST, true).map_err(|e| format!("writing {}: {e}", path.display()))
 }
 
-/// Initial state of the process: `found`, once it has been written to the disk again; a closed deck if the
-/// write fails.
+/// Initial state of the process: `found`, once it is rewritten to the disk; a closed deck if the write fails.
 fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoint, Option<String>) {
     let written = encode(vessel, &found).and_then(|bytes| {
         replace(path, &bytes, true).map_err(|e| format!("writing {}: {e}", path.display()))
@@ -139,7 +137,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
         }
         Err(e) => {
             let damaged = path.with_extension("damaged");
-            // The next start must also find the damaged file until the closed state has replaced it.
+            // Until the closed state has replaced it, the next start must also find the damaged file.
             let _kept_aside = fs::copy(path, damaged);
             warn!(
                 "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck open",

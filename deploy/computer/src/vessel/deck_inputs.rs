@@ -1,7 +1,7 @@
 //! Digital inputs of the deck ([`DigitalLine`]): the crew's switch, an occupancy sensor, and the helm's switch.
 //!
-//! Each is read twice a second in a separate thread, because a driver may take long. An input that cannot be
-//! read has no level, and the deck arbiter counts it as active.
+//! Each is read at 2 Hz on a separate thread, because a driver may take long. An input that cannot be read has no
+//! level, and the deck arbiter treats it as active.
 
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
@@ -13,12 +13,12 @@ use crate::io::digital_line::DigitalLine;
 use crate::process::supervisor::pause;
 
 const PERIOD: Duration = Duration::from_millis(500);
-/// Duration of a reading after which it is reported, ns: four periods, as for the arbiter.
+/// Duration of a read after which it is reported, ns: four periods, as for the arbiter.
 const MAX_READING_NS: i64 = 2_000_000_000;
 pub const REMEDY: &str = "it counts as 1: give the user alight read access to the line or file \
                           (alight help operate), or clear the key in \
                           vessel.toml";
-/// Key and path of each possible input; an empty path means no input.
+/// Key and path of each possible input; an empty path means that the input is absent.
 pub fn configured(deck: &DeckConfig) -> [(&'static str, &str); 3] {
     [
         ("deck.crew_switch", &deck.crew_switch),
@@ -38,13 +38,13 @@ struct Input {
 }
 
 impl Input {
-    /// Starts reading; None if the input is not configured. Waits for the first level, because without it the
-    /// deck would be closed, and a restart of the vessel's process would abort a descent.
+    /// Starts reading; None if the input is not configured. Waits for the first level: without it the deck would be
+    /// closed, and a restart of the vessel's process would abort a descent.
     fn start((key, path): (&str, &str), now_ns: i64) -> Option<Input> {
         let (sender, readings) = sync_channel(1);
         (!path.is_empty()).then(|| {
             let mut line = DigitalLine::new(path);
-            // The thread ends after the receiver.
+            // The thread ends when the receiver is dropped.
             std::thread::spawn(move || {
                 while sender.send(line.read()).is_ok() {
                     pause(PERIOD);

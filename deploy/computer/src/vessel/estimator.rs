@@ -1,4 +1,4 @@
-//! Process of the vessel's estimator, deck arbiter and broadcast: from sensors to Zenoh.
+//! Process of the vessel's estimator, deck arbiter and broadcast, from sensors to Zenoh.
 
 use std::time::Duration;
 
@@ -35,7 +35,6 @@ use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
 
 /// Maximum time between wake-ups without sensor readings.
 const MAX_WAIT: Duration = Duration::from_millis(10);
-/// Period of the summary of real sensors' measurements, ns.
 const SOURCE_SUMMARY_PERIOD_NS: i64 = 60_000_000_000;
 
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {
@@ -59,7 +58,6 @@ struct DeckEdge {
     helm_lamp: HelmLamp,
     checkpoint: Option<VesselCheckpoint>,
     clock: ProcessClock,
-    /// Time of the last wait, on the steady clock.
     waited_ns: i64,
     people: ForPeople,
     status: VesselStatusReport,
@@ -186,7 +184,6 @@ impl ForPeople {
             summary_ns: sources.then_some(now_ns + SOURCE_SUMMARY_PERIOD_NS),
         }
     }
-    /// Logs the results of a step that was published at `now`.
     fn show(&mut self, out: &ComputerOut, now: Time<VesselClock>, node: &VesselNode) {
         for event in &out.events {
             if event.is_warning() {

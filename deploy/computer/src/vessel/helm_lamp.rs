@@ -1,7 +1,7 @@
 //! Lamp at the helm, on a [`DigitalLine`]: it requests a steady course while lit.
 //!
-//! It is written twice a second in a separate thread, because a driver may take long; it is switched off when
-//! the process ends.
+//! It is written at 2 Hz on a separate thread, because a driver may take long; it is switched off when the process
+//! ends.
 
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -17,12 +17,12 @@ use crate::process::facts::Facts;
 use crate::process::sealed::SealedConfig;
 use crate::process::service::{self, ComputerService};
 
-/// Silence after which a process is killed and restarted, s: six periods of the reports.
+/// Silence after which a process is killed and restarted, s: six reporting periods.
 const SILENCE_TIMEOUT_S: f64 = 3.0;
 
 pub fn run(args: &ServiceArgs) -> Result<Exit, CliError> {
     let (computer, sealed) = SealedConfig::begin::<VesselComputerConfig>(&args.process.config)?;
-    // An invalid address is rejected here, not in a process that would restart again and again.
+    // An invalid address is rejected here; the process would restart again and again.
     for source in &computer.sensor.sources {
         let of = |e| CliError(format!("sensor {}: {e}", source.name));
         source.connect.parse::<LinkUrl>().map_err(of)?;

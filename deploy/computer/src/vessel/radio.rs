@@ -1,5 +1,3 @@
-//! The vessel's radio: publishers and subscribers.
-
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::process::ProcessState;
 use alight_shared::radio::{RadioEnd, RadioTopic};
@@ -15,15 +13,14 @@ use crate::exit::CliError;
 use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
 use crate::process::radio_port::RadioPort;
 
-/// Number of the process's reports, made twice a second, per report sent by radio; twice as many while the
-/// link is congested.
+/// Number of the process's reports, made at 2 Hz, per report sent by radio; doubled while the link is congested.
 const STATUS_DECIMATION: u32 = 2;
 
 pub struct VesselRadio {
     port: RadioPort,
     /// Peers have certificates; without them, any peer within range could send commands.
     secured: bool,
-    /// Some peers are operators, who receive the statuses of drones.
+    /// Some peers are operators, who receive the drones' statuses.
     operators: bool,
     reports: u32,
     /// Number of time requests and commands that cannot be decoded, or that arrive when no command is permitted.
@@ -58,7 +55,6 @@ impl VesselRadio {
     pub fn survives_pause(&self, gap_s: f64) -> bool {
         self.port.radio.survives_pause(gap_s)
     }
-    /// Abandons the session of a process that ends now.
     pub fn abandon(&mut self) {
         self.port.radio.abandon();
     }
@@ -66,7 +62,7 @@ impl VesselRadio {
     pub async fn arrival(&self) {
         self.port.radio.arrival().await;
     }
-    /// Adds the received packets to `input`; `at` converts the time of arrival on the steady clock, ns.
+    /// Adds the received packets to `input`; `at` converts the arrival time on the steady clock, ns.
     pub fn receive(&mut self, at: impl Fn(i64) -> Time<VesselClock>, input: &mut ComputerIn) {
         while let Some((topic, packet)) = self.port.receive() {
             let at = at(packet.at_ns);
@@ -91,8 +87,8 @@ impl VesselRadio {
             }
         });
     }
-    /// Adds the radio's rates to the report of the process and sends it. Users can wait, so only some reports
-    /// are sent, and fewer while only `rate_fraction` of the full rates is used.
+    /// Adds the radio's rates to the report of the process and sends it. Users can wait, so only some reports are
+    /// sent, and fewer while only `rate_fraction` of the full rates is used.
     pub fn report(&mut self, report: ProcessState, rate_fraction: f64) -> ProcessState {
         let report = ProcessState {
             flows: self.port.flows(report.at_ns),
@@ -107,7 +103,7 @@ impl VesselRadio {
     }
 }
 
-/// Decodes a message that arrived at `at`; an invalid one counts in `undecoded`.
+/// Decodes a message that arrived at `at`; counts an invalid one in `undecoded`.
 fn decode<M: DeserializeOwned>(
     packet: &Received,
     at: Time<VesselClock>,

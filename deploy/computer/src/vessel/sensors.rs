@@ -1,5 +1,5 @@
-//! Process of the vessel's real sensors: from bytes of serial ports, UDP and TCP to dated measurements for
-//! the vessel's process, with a report about each source twice a second.
+//! Process of the vessel's real sensors: converts bytes of serial ports, UDP and TCP into dated measurements for the
+//! vessel's process, and reports on each source at 2 Hz.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ use crate::process::args::ProcessArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
-/// Time without a link's error after which its next occurrence is reported, ns.
+/// Time without an error of a link after which its next occurrence is reported, ns.
 const REPORTED_NS: i64 = 60_000_000_000;
 const MAX_REPORTED: usize = 8;
 
@@ -143,7 +143,7 @@ impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
                 *of = a.foreign;
             }
             self.take(a, steady_ns());
-            // A step takes a limited number of bytes; more of them wait.
+            // A step takes a limited number of bytes; the rest wait.
             let full = self.bytes.iter().any(|b| b.len() + MAX_AT_ONCE > MAX_STEP_BYTES);
             arrival = if full { None } else { self.links.arrived() };
         }
@@ -152,7 +152,7 @@ impl AwaitedEdge<SensorNode> for SensorEdge<'_> {
 }
 
 impl SensorEdge<'_> {
-    /// Takes the event of a source's link. A link that is reopened again and again reports its error once.
+    /// Handles an event of a source's link. A link that is reopened again and again reports its error once.
     fn take(&mut self, arrival: ByteArrival, now_ns: i64) {
         let k = arrival.link;
         let (Some(bytes), Some(fault), Some(source)) =
@@ -177,7 +177,7 @@ impl SensorEdge<'_> {
 struct Fault {
     /// Error since the newest byte.
     now: Option<String>,
-    /// Reported errors, and the time of the newest occurrence of each, ns.
+    /// Reported errors, each with the time of its newest occurrence, ns.
     reported: Vec<(String, i64)>,
 }
 
@@ -198,14 +198,13 @@ impl Fault {
     }
 }
 
-/// Number of datagrams from foreign senders, and the newest sender.
 type Foreign = Option<(u64, SocketAddr)>;
 
 pub fn foreign_remark(foreign: Foreign) -> Option<Remark> {
     let (count, from) = foreign?;
     Some(Remark::fault(
         format!("{from} sends to the same port: {count} datagrams left out"),
-        "the first sender of measurements has the port: give each device a port and a source of its own",
+        "only the first sender of measurements is accepted: give each device a separate port and source",
     ))
 }
 

@@ -8,11 +8,11 @@ use alight_shared::time::{Time, VesselClock};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
 const MOTION_PERIOD_NS: i64 = 90_000_000;
-/// Number of recent statuses that the use of sources covers: 10 s.
+/// Number of recent statuses over which the use of sources is counted: 10 s.
 const LATELY: usize = 20;
 
 pub struct CrewDeviceErrors {
-    /// The deck's state would be lost with the process.
+    /// Reason why the deck's state would be lost with the process.
     pub file: Option<String>,
     pub inputs: Vec<String>,
     pub lamp: Option<String>,
@@ -26,7 +26,7 @@ pub struct VesselStatusReport {
     motion_ns: i64,
     occupied: bool,
     sequence: u32,
-    /// Used and rejected measurements of each source at the previous statuses, oldest first.
+    /// Numbers of used and rejected measurements of each source at the previous statuses, oldest first.
     counts: VecDeque<[[u64; 2]; MAX_DEVICES]>,
 }
 
@@ -106,7 +106,7 @@ impl VesselStatusReport {
             uses: self.uses(node),
         }
     }
-    /// Use of each source's measurements, in total and over the recent statuses.
+    /// Numbers of each source's used and rejected measurements, in total and over the recent statuses.
     fn uses(&mut self, node: &VesselNode) -> [SourceUse; MAX_DEVICES] {
         let mut uses = core::array::from_fn(|number| source_use(node, number));
         let now = uses.map(|u: SourceUse| [u.used - u.outliers.min(u.used), u.rejected + u.outliers]);
@@ -122,7 +122,7 @@ impl VesselStatusReport {
     }
 }
 
-/// A source of bytes is two sources of measurements.
+/// A source of bytes counts as two sources of measurements.
 fn source_use(node: &VesselNode, number: usize) -> SourceUse {
     let mut all = SourceUse::default();
     for kind in 0..KINDS.len() {

@@ -1,4 +1,4 @@
-//! A planner of your own: it rides on the predicted deck and lets its height above it shrink at the permitted speed.
+//! Example planner: it follows the predicted deck and reduces its height above it at the permitted descent speed.
 //!
 //! `cargo test --release -p own-planner` flies it on three seeds.
 
@@ -23,7 +23,7 @@ impl Law for Ride {
     fn observe(&mut self, drone: Option<&DroneState>, _: Option<&DeckForecast>, _: &PlanReference) {
         self.drone = drone.copied().or(self.drone);
     }
-    /// Without a plan the common planner plans: the way to the vessel.
+    /// None leaves the plan to the common planner, which flies to the vessel.
     fn own_plan(
         &mut self,
         now: Time<DroneClock>,
@@ -37,7 +37,7 @@ impl Law for Ride {
             return None;
         }
         let below_m = forecast.at(now)?.position[2] - drone.position[2];
-        // Position, velocity and acceleration `t` seconds ahead: above the deck's mean level, or with the deck and down.
+        // Goal `t` seconds ahead: position, velocity, acceleration. Before a descent it is above the deck's mean level.
         let goal = |t: f64| {
             let deck = forecast.at(now + Span::from_secs(t))?;
             let mut goal = [deck.position, deck.velocity, deck.acceleration];

@@ -1,6 +1,6 @@
-//! Chart of one landing in the layout of the paper's figure 4 and of the Python module's `plots.landing`: the
-//! path from above, and over the time to touchdown the displacement to the deck, the velocities, and the
-//! differences of roll and pitch, and of yaw.
+//! Chart of one landing in the layout of the paper's figure 4 and of the Python module's `plots.landing`: the path
+//! from above, and, over the time to touchdown, the displacement to the deck, the velocities, and the differences in
+//! roll and pitch, and in yaw.
 
 use std::path::Path;
 
@@ -12,12 +12,11 @@ use plotters::prelude::*;
 
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 
-/// Size of the picture, and of the path in it, px.
 const SIZE: (u32, u32) = (1200, 960);
 const PATH_WIDTH: u32 = 534;
 /// Time before the touchdown that the panels over time show, s; the path is complete.
 const PANEL_S: f64 = 15.0;
-/// Patterns of the first, second and third line of a panel, which distinguish them without colour.
+/// Dash patterns of the first, second and third line of a panel, which distinguish them without colour.
 const DASHES: [Option<(i32, i32)>; 3] = [None, Some((7, 4)), Some((2, 3))];
 
 pub fn title(o: &Outcome) -> String {
@@ -29,7 +28,7 @@ pub fn title(o: &Outcome) -> String {
     format!("Landing: sea {sea}, seed {seed}, planner {planner}, {name}{contact}")
 }
 
-/// Draws the last landing of a trace to `path`; without a landing, its end.
+/// Draws the last landing of a trace to `path`; without a landing, its last seconds.
 pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     let doing = || format!("writing the plot {}", path.display());
     let mut svg = String::new();
@@ -38,7 +37,7 @@ pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
     std::fs::write(path, svg).doing(doing())
 }
 
-/// Unwraps the yaw, which then does not jump from 180 to -180 deg and ends within that range.
+/// Unwraps the yaw, so that it does not jump from 180 to -180 deg, and shifts its end into that range.
 fn with_continuous_yaw(trace: &Trace) -> Trace {
     let mut trace = trace.clone();
     let mut after: Option<f64> = None;
@@ -50,11 +49,10 @@ fn with_continuous_yaw(trace: &Trace) -> Trace {
     trace
 }
 
-/// Quantity of a panel: its name, number of its pattern, number of its colour, and value at a point.
+/// Quantity of a panel: name, pattern index, colour index, and value at a point.
 type Value<'a> = (&'a str, usize, usize, &'a dyn Fn(&TracePoint) -> f64);
 
 struct Panel<'a> {
-    /// Name and unit of the vertical axis.
     name: &'a str,
     values: &'a [Value<'a>],
 }
@@ -111,14 +109,14 @@ fn zero(trace: &Trace) -> f64 {
     trace.touchdown_s.unwrap_or(end)
 }
 
-/// Points of the last `before_s` up to the zero of the time axis.
+/// Points in the last `before_s` before the zero of the time axis.
 fn shown(trace: &Trace, before_s: f64) -> impl DoubleEndedIterator<Item = &TracePoint> {
     let until = zero(trace);
     let inside = until - before_s..=until;
     trace.points.iter().filter(move |p| inside.contains(&p.t_s))
 }
 
-/// Draws a panel; of panels one above another (`shared`) only the lowest shows the times.
+/// Draws a panel; among panels one above another (`shared`) only the lowest shows the times.
 fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>, shared: bool) -> Drawn {
     let until = zero(trace);
     let line = |(name, pattern, number, value): &Value<'_>| Line {

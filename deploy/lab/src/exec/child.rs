@@ -1,4 +1,4 @@
-//! A program that answers lines by lines, each within a bounded time and length.
+//! A program that answers each line with a line, within a bounded time and length.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::os::unix::process::CommandExt as _;
@@ -14,10 +14,10 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use super::protocol::MAX_LINE_BYTES;
 
-/// Time limits of answers, s.
+/// Maximum times for an answer, s.
 #[derive(Clone, Copy, Debug)]
 pub struct AnswerLimits {
-    /// Start of the program included.
+    /// Time for the first answer, including the start of the program.
     pub first_s: f64,
     pub next_s: f64,
 }
@@ -31,11 +31,11 @@ impl Default for AnswerLimits {
     }
 }
 
-/// Time for which an ended program's exit status is awaited.
+/// Time for which the exit status of an ended program is awaited.
 const ENDED_S: f64 = 1.0;
 const POLL: Duration = Duration::from_millis(5);
 
-/// Runs until it is dropped. Its error output is that of this program.
+/// Child that runs until this is dropped. Its standard error is that of this program.
 #[derive(Debug)]
 pub struct AnsweringChild {
     child: Child,
@@ -46,7 +46,6 @@ pub struct AnsweringChild {
 }
 
 impl AnsweringChild {
-    /// Starts `command` by the shell, in a process group of its own.
     pub fn start(command: &str, limits: AnswerLimits) -> Result<AnsweringChild, String> {
         let mut child = Command::new("sh")
             .args(["-c", command])
@@ -58,7 +57,7 @@ impl AnsweringChild {
         let (to, lines) = sync_channel(1);
         let (from, answers) = sync_channel(1);
         let (input, output) = (child.stdin.take(), child.stdout.take());
-        // Both threads end with the pipes of the child.
+        // Both threads end with the child's pipes.
         thread::spawn(move || input.map(|input| write(input, &lines)));
         thread::spawn(move || output.map(|output| read(output, &from)));
         Ok(AnsweringChild {
@@ -70,7 +69,6 @@ impl AnsweringChild {
         })
     }
 
-    /// Answer to `line`, and the time that it took.
     pub fn ask(&mut self, line: String) -> Result<(Vec<u8>, Span), String> {
         if self.answers.try_recv().is_ok() {
             return Err("wrote a line that answers no input".into());
@@ -110,7 +108,7 @@ impl AnsweringChild {
 
 impl Drop for AnsweringChild {
     fn drop(&mut self) {
-        // The group holds what the shell has started; either call fails if the child has ended.
+        // The group includes processes that the shell has started; either call fails if the child has ended.
         let _ended = kill_process_group(Pid::from_child(&self.child), Signal::KILL);
         let _ended = self.child.kill();
         let _status = self.child.wait();

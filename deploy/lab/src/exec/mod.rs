@@ -1,6 +1,6 @@
 //! `--planner exec:COMMAND` and `--predictor exec:COMMAND`: planners and predictors that are other programs.
-//! Each period a program gets a line and answers with a line ([`protocol`]). Once it has failed to answer, the
-//! flight goes on without plans, or without forecasts.
+//! Each period the program receives a line and answers with a line ([`protocol`]). If it fails to answer, the flight
+//! continues without plans or forecasts.
 
 mod child;
 pub mod predictor;
@@ -22,10 +22,10 @@ use child::{AnswerLimits, AnsweringChild};
 use protocol::{Answer, Limits, PlannerAnswer, PlannerInput};
 use serde::Serialize;
 
-/// Beginning of the planner's name on the command line and in outcomes.
+/// Prefix of the planner's name on the command line and in outcomes.
 pub const EXEC: &str = "exec:";
 
-/// Planner by the program that `command` starts; each flight starts its own.
+/// Planner run by the program that `command` starts; each flight starts a separate one.
 pub fn planner(command: &str) -> OwnLaw {
     let own = command.to_owned();
     OwnLaw::new(format!("{EXEC}{command}"), move |drone, report| {
@@ -35,14 +35,13 @@ pub fn planner(command: &str) -> OwnLaw {
 
 #[derive(Debug)]
 struct ExecLaw {
-    /// None after a failure.
     child: Option<AnsweringChild>,
     report: OwnReport,
     limits: Limits,
     drone: Option<DroneState>,
     /// End of the newest solve that took longer than a period.
     solved_at: Time<DroneClock>,
-    /// The newest answer lets the common planner plan.
+    /// The newest answer leaves the plan to the common planner.
     common: bool,
 }
 
@@ -83,7 +82,7 @@ impl Law for ExecLaw {
     ) -> Option<Plan> {
         let stale_after = topics::DRONE_STATE.stale_after;
         let drone = self.drone.filter(|d| now - d.header.at <= stale_after)?;
-        // A program that solves longer than a period is asked again when it is ready.
+        // A program that takes longer than a period is asked again when it is ready.
         if now < self.solved_at {
             return None;
         }
@@ -111,7 +110,7 @@ impl Law for ExecLaw {
     }
 }
 
-/// Name of a program, and what the flight goes on without once it has failed.
+/// Name of the program, and of what the flight lacks after its failure.
 type Part = [&'static str; 2];
 const PLANS: Part = ["planner", "plans"];
 
@@ -126,7 +125,7 @@ fn ask(child: &mut AnsweringChild, input: &impl Serialize) -> Result<(Vec<u8>, S
 }
 
 fn fail(report: &OwnReport, [name, answers]: Part, why: String) {
-    let text = format_args!("the {name} {why}: the flight goes on without {answers}");
+    let text = format_args!("the {name} {why}: the flight continues without {answers}");
     note(true, text);
     report.get().failure = Some(why);
 }

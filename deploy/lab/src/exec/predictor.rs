@@ -1,5 +1,5 @@
-//! `--predictor exec:COMMAND`: a predictor that is another program. It predicts the deck's motion; the drone's own
-//! predictor keeps the ages, the identity and the mean of the deck.
+//! `--predictor exec:COMMAND`: a predictor that is another program. It predicts the deck's motion; ages, identity and
+//! mean of the deck are those of the drone's own predictor.
 
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, Seq, TagPose, VesselEstimate,
@@ -15,13 +15,13 @@ use super::child::AnsweringChild;
 use super::protocol::{PredictedDeck, of_version, parsed};
 use super::{EXEC, Part, ask, fail, start};
 
-/// Version of both lines; a program that answers with another one is rejected.
+/// Version of both lines; a program that answers with another version is rejected.
 pub const PREDICTOR_VERSION: u32 = 1;
 const FORECASTS: Part = ["predictor", "forecasts"];
 /// Detections kept between two forecasts.
 const MAX_TAGS: usize = 64;
 
-/// Input of a predictor that is another program, once a forecast. Times of messages are on the drone's clock.
+/// Input of a predictor that is another program, sent once per forecast. Times of messages are on the drone's clock.
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct PredictorInput<'a> {
     /// Version of this format.
@@ -81,7 +81,7 @@ impl PredictorAnswer {
     }
 }
 
-/// Predictor by the program that `command` starts; each flight starts its own.
+/// Predictor run by the program that `command` starts; each flight starts a separate one.
 pub fn predictor(command: &str) -> OwnPredictor {
     let own = command.to_owned();
     OwnPredictor::new(format!("{EXEC}{command}"), move |_, report| {

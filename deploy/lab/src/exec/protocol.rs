@@ -1,4 +1,4 @@
-//! Lines between the program and planners and predictors that are other programs: JSON, one object a line.
+//! Lines exchanged with planners and predictors that are other programs: JSON, one object per line.
 
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
@@ -14,9 +14,9 @@ use serde::{Deserialize, Serialize};
 
 use super::predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};
 
-/// Version of both lines; a program that answers with another one is rejected.
+/// Version of both lines; a program that answers with another version is rejected.
 pub const PLANNER_VERSION: u32 = 1;
-/// Longest answer, bytes: 41 stages of 15 numbers take 15 kB.
+/// Maximum length of an answer, bytes: 41 stages of 15 numbers take 15 kB.
 pub const MAX_LINE_BYTES: usize = 128 << 10;
 const MAX_REASON: usize = 200;
 const MAX_SOLVE_S: f64 = 5.0;
@@ -42,14 +42,14 @@ pub const LINES: [LineFormat; 4] = [
     ),
 ];
 
-/// Input of a planner that is another program, once a plan period.
+/// Input of a planner that is another program, sent once per plan period.
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct PlannerInput<'a> {
     /// Version of this format.
     pub version: u32,
-    /// Present time on the drone's clock, s. All times of both lines are on this clock.
+    /// Present time on the drone's clock, s. All times in both lines are on this clock.
     pub time_s: f64,
-    /// State of the mission, and what it permits.
+    /// State of the mission, and the motion that it permits.
     pub mission: Permission,
     /// Measured state of the drone.
     pub drone: MeasuredDrone,
@@ -59,16 +59,16 @@ pub struct PlannerInput<'a> {
     pub limits: Limits,
     /// True wind, towards north and east, m/s; null until it is known.
     pub wind: Option<[f64; 2]>,
-    /// Horizontal acceleration that the rotors did not cause, NED, m/s².
+    /// Horizontal acceleration that is not caused by the rotors, NED, m/s².
     pub disturbance: [f64; 2],
 }
 
-/// State of the mission, and what it permits.
+/// State of the mission, and the motion that it permits.
 #[derive(Debug, Serialize, JsonSchema)]
 pub struct Permission {
     /// Present state.
     pub state: State,
-    /// Phase of the state: Navigation (far from the vessel), Follow (above her), Landing (descent and flare).
+    /// Phase of the state: Navigation (far from the vessel), Follow (above the vessel), Landing (descent and flare).
     pub phase: Phase,
     /// Permitted descent speed relative to the deck, m/s; 0: no descent.
     pub descent_mps: f64,
@@ -114,7 +114,7 @@ pub struct PredictedDeck<'a> {
     pub vision_age_s: f64,
     /// Mean height of the deck, drone's NED z, m.
     pub mean_z: Option<f64>,
-    /// Deck with standard deviations at the stages.
+    /// Deck at each stage, with standard deviations.
     #[schemars(length(max = 41))]
     pub stages: &'a [DeckStage],
 }
@@ -210,24 +210,24 @@ pub struct PlannerAnswer {
     /// Time between stages, s, at most 1; the first stage is at the input's time.
     #[serde(default)]
     pub step_s: Option<f64>,
-    /// Plan, 2 to 41 stages; beyond the last one the velocity is constant.
+    /// Plan of 2 to 41 stages; beyond the last stage the velocity is constant.
     #[serde(default)]
     #[schemars(length(max = 41))]
     pub stages: Option<Vec<AnsweredStage>>,
-    /// Time at which the feet meet the deck in this plan, s.
+    /// Time at which the feet touch the deck in this plan, s.
     #[serde(default)]
     pub touchdown_s: Option<f64>,
-    /// Horizontal acceleration by wind for which the attitudes allow, NED, m/s².
+    /// Horizontal acceleration caused by wind that the attitudes compensate, NED, m/s².
     #[serde(default)]
     pub disturbance: Option<[f64; 2]>,
-    /// Reason why there is no plan now.
+    /// Reason why there is no plan at this time.
     #[serde(default)]
     #[schemars(length(max = 200))]
     pub none: Option<String>,
-    /// True: the common planner (mpc) plans this period.
+    /// True: the common planner (mpc) plans for this period.
     #[serde(default)]
     pub common: Option<bool>,
-    /// Solve time of this plan, s, at most 5, so that a seed repeats a flight; absent: the measured time.
+    /// Solve time of this plan, s, at most 5, so that a seed reproduces a flight; absent: the measured time.
     #[serde(default)]
     pub solve_s: Option<f64>,
 }
@@ -253,7 +253,7 @@ pub struct AnsweredStage {
 pub fn parsed<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
     serde_json::from_slice(line).map_err(|e| {
         let begin: String = String::from_utf8_lossy(line).chars().take(40).collect();
-        format!("answered {begin:?}, which is not its line of JSON ({e})")
+        format!("answered {begin:?}, which is not the expected line of JSON ({e})")
     })
 }
 pub fn of_version(version: u32, wanted: u32) -> Result<(), String> {
@@ -272,7 +272,6 @@ pub enum Answer {
 }
 
 impl PlannerAnswer {
-    /// Reads and checks the line that answers the input of `now`.
     pub fn read(line: &[u8], now: Time<DroneClock>) -> Result<Answer, String> {
         let answer: PlannerAnswer = parsed(line)?;
         of_version(answer.version, PLANNER_VERSION)?;

@@ -154,7 +154,7 @@ fn forecasts_that_are_rejected() {
         ),
         (
             r#"{"version":1,"stages":[{"position":[0,0]}]}"#,
-            "which is not its line of JSON",
+            "which is not the expected line of JSON",
         ),
         (
             &format!(
@@ -178,7 +178,6 @@ fn flight_whose_planner_ends_goes_on_without_plans() {
     assert!(outcome.reason.ends_with(why), "{}", outcome.reason);
 }
 
-/// Answers by time on the drone's clock.
 #[derive(Default)]
 struct Plans(BTreeMap<i64, Plan>);
 

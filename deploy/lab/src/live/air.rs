@@ -1,5 +1,5 @@
-//! Radio path between vessel and drone in a live landing: the loopback interface with an impairment inside
-//! the processes, or a link emulator between two network namespaces.
+//! Radio path between vessel and drone in a live landing: the loopback interface with an impairment inside the
+//! processes, or a link emulator between two network namespaces.
 
 use std::path::PathBuf;
 
@@ -25,7 +25,7 @@ use crate::scene::Scene;
 
 const PORT: u16 = 7447;
 
-/// Number of ages skipped at the start (five seconds), while clocks and session are not synchronised.
+/// Number of ages skipped at the start (five seconds), before clocks and session are synchronised.
 const WARM_UP_AGES: usize = 50;
 
 pub struct RadioPath {
@@ -96,7 +96,8 @@ impl RadioPath {
                 emulator: Some(write(owned, "link.toml", &emulation)?),
                 outage,
                 impairment: None,
-                // Listens on every address of the namespace, because its device may appear after the process.
+                // Listens on every address of the namespace, because the network device may appear after the process
+                // starts.
                 listen: address("0.0.0.0", PORT),
                 dial: address(ADDRESSES[0], PORT),
                 tls,
@@ -123,8 +124,8 @@ impl RadioPath {
         command.insert(0, "rehearse".into());
         supervisor.start(ProcessKind::Link, command, Vec::new())
     }
-    /// Prefix of a process's command that enters its computer's namespace. The simulated vehicles use the
-    /// vessel's network, as its sensors do.
+    /// Command prefix with which a process enters its computer's namespace. The simulated vehicles use the vessel's
+    /// network, as its sensors do.
     pub fn enter(&self, kind: ProcessKind) -> Vec<String> {
         use ProcessKind::{Autopilot, Link, Sensors, Vessel, World};
         // The cable to the simulated autopilot is not part of the radio; it ends in the world's namespace.
@@ -133,7 +134,7 @@ impl RadioPath {
     }
 }
 
-/// Certificates of vessel and drone: those of the directory in the flags, otherwise new ones.
+/// Certificates of vessel and drone: those of the directory in the flags, otherwise newly created.
 fn certificates(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<[TlsConfig; 2], CliError> {
     if args.transport != "quic" {
         return Ok([TlsConfig::default(), TlsConfig::default()]);
@@ -174,8 +175,8 @@ pub struct RadioWatch {
 }
 
 impl RadioWatch {
-    /// Takes the processes' output lines and the age of the vessel's newest state; starts the emulator's
-    /// outage when the mission enters the outage's state.
+    /// Handles the processes' output lines and the age of the vessel's newest state; starts the emulator's outage
+    /// when the mission enters the outage's state.
     pub fn observe(
         &mut self,
         air: &RadioPath,
@@ -227,7 +228,7 @@ impl RadioWatch {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RadioReport {
-    /// Median age of the vessel's newest state at the drone, sampled ten times a second, s.
+    /// Median age of the vessel's newest state at the drone, sampled at 10 Hz, s.
     pub age_p50_s: f64,
     /// 95th percentile of this age, s.
     pub age_p95_s: f64,
@@ -239,7 +240,7 @@ pub struct RadioReport {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct WayReport {
     pub packets: u64,
-    /// Including IP headers.
+    /// Rate including IP headers.
     pub bytes_per_s: f64,
     pub lost: f64,
     /// Packets that a full queue rejected.

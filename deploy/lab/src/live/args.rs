@@ -13,7 +13,7 @@ use crate::live::config::AutopilotKind;
 use crate::live::fault::FaultSpec;
 use crate::live::profile;
 
-/// One landing, live.
+/// One live landing.
 #[derive(Args, Clone, Debug)]
 pub struct LandArgs {
     #[command(flatten)]
@@ -35,7 +35,7 @@ pub struct LandArgs {
     #[arg(long, value_name = "PROFILE", default_value = "scenario", hide_possible_values = true,
           value_parser = offering(StringValueParser::new(), profile::names()))]
     pub link: String,
-    /// Use network namespaces for it (root)
+    /// Use network namespaces for the radio (root)
     ///
     /// Between namespaces a link emulator impairs the radio, otherwise the processes do. auto: the emulator for a
     /// --link other than scenario, if it is permitted.
@@ -48,22 +48,23 @@ pub struct LandArgs {
     pub transport: String,
     /// Directory of `alight keys`, for quic
     ///
-    /// It has certificates of vessel and drone with these numbers. Without it certificates are made for this landing.
+    /// It contains certificates for the numbers of this vessel and drone. Without it, certificates are created for
+    /// this landing.
     #[arg(long, value_name = "DIR")]
     pub certificates: Option<PathBuf>,
     /// Name of this set of processes
     ///
-    /// Several may run at the same time.
+    /// Several sets with different names may run at the same time.
     #[arg(long, value_name = "NAME", default_value = SIMULATED)]
     pub instance: String,
     /// Let the firmware fly (alight help firmware)
     ///
-    /// It is that of --autopilot. The pilot starts it, and flies it from the pad.
+    /// The firmware is the one named by --autopilot. The pilot starts it, and flies it from the pad.
     #[arg(long, requires = "autopilot")]
     pub external: bool,
     /// MAVLink of that firmware [default: the usual]
     ///
-    /// The usual one is udpin://127.0.0.1:14540 of PX4 and tcpout://127.0.0.1:5760 of ArduPilot.
+    /// The default is udpin://127.0.0.1:14540 for PX4 and tcpout://127.0.0.1:5760 for ArduPilot.
     #[arg(long, value_name = "URL", requires = "external")]
     pub connect: Option<String>,
     /// Motors, sensors and port of its plant (TOML)
@@ -81,22 +82,23 @@ pub struct LandArgs {
     pub plot: Option<PathBuf>,
     /// Record to MCAP (Foxglove, `alight replay`)
     ///
-    /// Lichtblick and Rerun read it, too.
+    /// Lichtblick and Rerun also read it.
     #[arg(long, value_name = "FILE.mcap", value_parser = mcap_file)]
     pub record: Option<PathBuf>,
     /// Record every process for `alight replay`
     ///
-    /// The steps of all processes are a flight.
+    /// The steps of all processes form a recorded flight.
     #[arg(long, value_name = "DIR")]
     pub log: Option<PathBuf>,
     /// Kill or freeze a process: KIND:PHASE|contact
     ///
-    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, such as planner-killed:descent.
+    /// The fault occurs in a phase or at the first contact, such as planner-killed:descent. A freeze lasts 0.2 to 2
+    /// s.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// Fly a list of faults of `alight study storm`
     ///
-    /// Scene, seed and faults are the list's (TOML, as for `alight study storm --list`).
+    /// The list gives scene, seed and faults (TOML, as for `alight study storm --list`).
     #[arg(long, value_name = "LIST.toml", conflicts_with_all = ["fault", "seed", "SceneArgs"])]
     pub faults: Option<PathBuf>,
     #[command(flatten)]

@@ -35,7 +35,7 @@ pub enum AutopilotKind {
 }
 
 impl AutopilotKind {
-    /// Default address of its MAVLink on this computer.
+    /// Default address of the autopilot's MAVLink on this computer.
     pub const fn connect(self) -> &'static str {
         match self {
             AutopilotKind::Internal | AutopilotKind::Px4 => "udpin://127.0.0.1:14540",
@@ -49,24 +49,20 @@ impl AutopilotKind {
 pub struct LinkImpairment {
     /// Reading of the steady clock at the profile's time zero, ns.
     pub epoch_ns: i64,
-    /// Seed of losses and delays.
     pub seed: u64,
-    /// Outage, which begins at the first entry of a state of the mission.
+    /// Outage that begins when the mission first enters a state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outage: Option<Fault>,
     pub profile: SimulatedRadioConfig,
 }
 
-/// Layer between a process and its messages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Attachments {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub impairment: Option<LinkImpairment>,
-    /// Planner that the drone's program does not include.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline: Option<Baseline>,
-    /// Command of a planner that is another program.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub exec: Option<String>,
 }
@@ -93,16 +89,17 @@ pub struct Devices {
 config! {
     /// The simulated vehicles.
     pub struct SimulatedWorld {
-        /// Name of the set of processes that share the drone's memory: `alight drone`'s or a landing's.
+        /// Name of the set of processes that share the drone's memory: that of `alight drone` or of a landing.
         pub instance: String = DroneComputerConfig::default().instance;
-        /// The vessel's sensors as her configuration has them (`[[sensor.sources]]`), each with the address to which it sends bytes.
+        /// The vessel's sensors as in the vessel's configuration (`[[sensor.sources]]`), each with the address to
+        /// which it sends bytes.
         pub sensors: Vec<SourceConfig> = sources(&Scenario::default(), |k| format!("udpin://127.0.0.1:{}", 10_110 + k));
         /// Serial line of the drone's own GNSS receiver, if the scenario has a moving base.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub receiver: Option<PathBuf> = None;
-        /// The steady clock's reading at the true time zero, ns; 0: at the next full second after the process starts, by the
-        /// clock that `alight vessel` and `alight drone` read on this computer. With another value the scenario's
-        /// `sensors.clocks.epoch_s` is that reading, s.
+        /// Reading of the steady clock at the true time zero, ns; 0: the next full second after the process starts,
+        /// by the clock that `alight vessel` and `alight drone` read on this computer. With another value the
+        /// scenario's `sensors.clocks.epoch_s` equals that reading, s.
         pub epoch_ns: i64 = 0;
         /// Seed of sea, noise and start.
         pub seed: u64 = 0;
@@ -110,19 +107,19 @@ config! {
         pub sea: String = String::new();
         /// Name of the planner in the outcome.
         pub planner: String = String::new();
-        /// The truth is recorded in addition to the recordings of the processes.
+        /// Records the truth in addition to the recordings of the processes.
         pub truth: bool = false;
-        /// File for a drawing of the landing.
+        /// File for the plot of the landing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub plot: Option<PathBuf> = None;
         /// Autopilot of the drone: internal, px4, ardupilot.
         pub autopilot: AutopilotKind = AutopilotKind::default();
-        /// Address at which the drone's link to the simulated autopilot listens, UDP.
+        /// UDP address at which the drone's link to the simulated autopilot listens.
         pub mavlink: String = "127.0.0.1:14540".into();
         /// Key of MAVLink signing that the simulated autopilot shares with the drone's computer (`autopilot.signing_key`).
         pub signing_key: String = String::new();
-        /// Address at which a ground station listens, UDP: the other link of the simulated autopilot, which forwards
-        /// between both.
+        /// UDP address at which a ground station listens, on the simulated autopilot's other link; the autopilot
+        /// forwards between both links.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub ground_station: Option<String> = None;
         /// The plant of a firmware.
@@ -144,11 +141,11 @@ pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<So
     all
 }
 
-/// Prints a world's configuration with every key, and with the default addresses of `alight vessel` and
-/// `alight drone`.
+/// Prints a world's configuration with every key, and with the default addresses of `alight vessel` and `alight
+/// drone`.
 pub fn print_world() -> Result<Exit, CliError> {
     let mut world = SimulatedWorld::default();
-    // A process that is started by hand has this computer's clock.
+    // A process that is started by hand uses this computer's clock.
     let clocks = &mut world.scenario.sensors.clocks;
     (clocks.epoch_s, clocks.offset_s, clocks.drift_ppm) = (0.0, 0.0, 0.0);
     let text = commented(&world).doing("writing the configuration as TOML")?;
@@ -169,7 +166,6 @@ pub fn free_port() -> Result<u16, CliError> {
     Ok(address.port())
 }
 
-/// Flags of the process `name` with these attachments.
 pub fn attached(name: &str, attachments: &Path, config: &Path) -> Vec<String> {
     let path = |p: &Path| p.display().to_string();
     ["attach".into(), name.into()]

@@ -1,4 +1,4 @@
-//! Measurements of the drone's camera and rangefinder on topics of shared memory.
+//! Topics in shared memory for measurements of the drone's camera and rangefinder.
 
 use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
 use alight_sim::sensors::DroneReadings;

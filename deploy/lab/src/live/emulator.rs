@@ -1,6 +1,6 @@
 //! `alight rehearse link`: layer-3 link with the faults of a profile between two network namespaces.
 //!
-//! An IP packet that one side sends into its TUN device leaves the other side's when the profile permits.
+//! An IP packet that one side sends into its TUN device leaves the other side's device when the profile permits.
 //! [`alight_sim::radio`] draws the delay or loss of each packet from the seed.
 
 use std::io::BufRead;
@@ -40,10 +40,10 @@ pub struct LinkArgs {
     /// Seed of losses and delays
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Name of the namespaces alight-NAME-vessel (10.77.0.1), alight-NAME-drone (10.77.0.2)
+    /// Name used in the namespaces alight-NAME-vessel (10.77.0.1) and alight-NAME-drone (10.77.0.2)
     #[arg(long, default_value = "link")]
     pub name: String,
-    /// Read all from a file, as `alight land` writes it
+    /// Read all settings from a file, as `alight land` writes it
     #[arg(long, value_name = "FILE", hide = true)]
     pub config: Option<PathBuf>,
     /// Take orders from standard input, and end when it closes
@@ -68,7 +68,6 @@ impl Check for Emulation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EmulatorReport {
-    /// Packets so far: to the drone, to the vessel.
     Packets(ChannelCounts, ChannelCounts),
 }
 
@@ -130,7 +129,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     let mut buffer = [0_u8; 65_536];
     while let Ok(length) = device.recv(&mut buffer) {
         let packet = buffer.get(..length).unwrap_or_default().to_vec();
-        // The kernel's own IPv6 packets are ignored.
+        // Ignores the kernel's own IPv6 packets.
         let is_ours = packet.first().is_some_and(|b| b >> 4 == 4);
         let at_ns = steady_ns();
         if is_ours && sender.try_send(ReceivedPacket { side, at_ns, packet }).is_err() && end_requested() {
@@ -139,7 +138,7 @@ fn read(side: usize, device: Arc<SyncDevice>, sender: SyncSender<ReceivedPacket>
     }
 }
 
-/// Receives the outages ordered on standard input; the channel breaks when it closes.
+/// Receives orders for outages on standard input; the channel breaks when the input closes.
 fn listen(outages: Sender<()>) {
     for line in std::io::stdin().lock().lines().map_while(Result::ok) {
         if line == OUTAGE && outages.send(()).is_err() {
@@ -188,7 +187,7 @@ fn report_counts([to_drone, to_vessel]: &[Impaired<Vec<u8>>; 2]) -> Result<(), C
     Ok(())
 }
 
-/// Waits for a packet or until one is due. Returns the due packets with the side of each; None at the end.
+/// Waits until a packet arrives or is due. Returns the due packets, each with its side; None at the end.
 fn turn(
     ways: &mut [Impaired<Vec<u8>>; 2],
     inbox: &Receiver<ReceivedPacket>,

@@ -1,5 +1,5 @@
-//! Fault injected into a running landing, in a phase or at the first contact: a killed or briefly frozen
-//! process, or an order.
+//! Fault injected into a running landing, in a phase or at the first contact: a killed or briefly frozen process, or
+//! an order.
 
 use core::fmt;
 use core::str::FromStr;
@@ -14,14 +14,13 @@ use crate::args::{PHASES, phase};
 
 const CONTACT: &str = "contact";
 
-/// Requested fault of one process, `KIND:PHASE` with the kinds of a storm's list; its times are drawn.
+/// Requested fault of one process, `KIND:PHASE` with the kinds of a storm's list; the times are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FaultSpec {
     pub kind: FaultKind,
     pub moment: Moment,
 }
 
-/// Kinds of fault that affect one process.
 fn kinds() -> impl Iterator<Item = FaultKind> {
     FaultKind::ALL
         .iter()
@@ -71,9 +70,8 @@ pub struct FaultReport {
     pub fault: String,
     /// Time of the fault since the start, s; null if it did not occur.
     pub at_s: Option<f64>,
-    /// The mission's state at the fault.
     pub state: Option<State>,
-    /// Time from the fault to the process's next message, s; null if none arrived.
+    /// Time from the fault to the next message of the process, s; null if none arrived.
     pub recovery_s: Option<f64>,
 }
 
@@ -93,19 +91,16 @@ impl fmt::Display for FaultReport {
     }
 }
 
-/// Observation of a running landing.
 #[derive(Clone, Copy, Debug)]
 pub struct FaultInput {
     pub t_s: f64,
     pub mission: Option<MissionState>,
-    /// The process that the fault affects.
     pub process: Option<ProcessState>,
     pub contact: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LiveAct {
-    /// Signal to the process with this id.
     Signal(u32, Signal),
     Order(CommandKind),
 }
@@ -116,7 +111,6 @@ pub const ORDERS: [(FaultKind, CommandKind); 3] = [
     (FaultKind::OrderedAgain, CommandKind::Land),
 ];
 
-/// Fault or order in progress.
 pub struct LiveFault {
     timer: FaultTimer,
     /// Start of the phase or time of the contact, since the start of the landing, s.
@@ -127,8 +121,8 @@ pub struct LiveFault {
 }
 
 impl LiveFault {
-    /// The fault with its freeze duration and its delay after the phase begins, drawn from the seed; None if
-    /// its kind affects no process.
+    /// Fault whose freeze duration and delay after the start of the phase are drawn from the seed; None if its kind
+    /// affects no process.
     pub fn new(spec: FaultSpec, seed: u64) -> Option<LiveFault> {
         spec.kind.process()?;
         Some(LiveFault::of(&storm::Fault::drawn(spec.kind, spec.moment, seed)))
@@ -151,14 +145,14 @@ impl LiveFault {
         }
     }
 
-    /// The affected process, never the world, which is the vehicles; None for an order.
+    /// The affected process, never the world, because the world is the vehicles; None for an order.
     pub fn process(&self) -> Option<ProcessKind> {
         self.timer.fault.kind.process()
     }
     pub fn freezes(&self) -> bool {
         self.timer.fault.kind.freezes()
     }
-    /// Whether the fault has occurred and no message of the process has arrived since.
+    /// Whether the fault has occurred and no later message of the process has arrived.
     pub fn is_under_way(&self) -> bool {
         self.met.is_some()
     }
@@ -265,7 +259,7 @@ mod tests {
         // The contact begins the phase, and the fault is due at once.
         let freezes = Some(LiveAct::Signal(42, Signal::Freeze));
         assert_eq!(poll(12.1, true, 12.0), (freezes, true, None));
-        // Frozen for 0.2 to 2 s; messages sent before arrive late.
+        // Frozen for 0.2 to 2 s; messages sent before the freeze arrive late.
         assert_eq!(poll(12.2, true, 12.15), (None, true, None));
         let continues = Some(LiveAct::Signal(42, Signal::Continue));
         assert_eq!(poll(14.2, true, 12.1), (continues, true, None));

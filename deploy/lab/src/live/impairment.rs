@@ -1,5 +1,5 @@
-//! Impairment of one direction of the radio: of IP packets in the link emulator, or of a process's messages
-//! where no emulator is permitted.
+//! Impairment of one direction of the radio: of IP packets in the link emulator, or of a process's messages if no
+//! emulator is permitted.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub struct Impaired<T> {
     radio: SimulatedRadio<T>,
     epoch_ns: i64,
     outage: Option<Fault>,
-    /// Time at which the mission first entered the outage's state, steady clock, ns; 0 before.
+    /// Time at which the mission first entered the outage's state, steady clock, ns; 0 before that.
     entered_ns: Arc<AtomicI64>,
 }
 
@@ -79,12 +79,12 @@ impl<T: Clone> Impaired<T> {
     fn true_time(&self, steady_ns: i64) -> Time<TrueTime> {
         Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
     }
-    /// Sends a value of `bytes` on the air at `at_ns` of the steady clock.
+    /// Sends a value of `bytes` over the radio at `at_ns` of the steady clock.
     pub fn take(&mut self, at_ns: i64, bytes: usize, value: T) {
         let at = self.true_time(at_ns);
         self.radio.send(at, bytes, value);
     }
-    /// Values that have arrived by `now_ns`, with their arrival time on the steady clock, ns.
+    /// Values that have arrived by `now_ns`, with their arrival times on the steady clock, ns.
     pub fn arrived(&mut self, now_ns: i64) -> Vec<(i64, T)> {
         let entered_ns = self.entered_ns.load(Ordering::Relaxed);
         if let (1.., Some(outage)) = (entered_ns, self.outage.take_if(|_| entered_ns > 0)) {

@@ -1,5 +1,5 @@
-//! `alight land`: one landing in real time, with every process of vessel and drone on this machine and the
-//! simulated world as the vehicles.
+//! `alight land`: one landing in real time, with every process of vessel and drone on this computer and the simulated
+//! world as the vehicles.
 
 use std::io::{IsTerminal, Write};
 use std::sync::Arc;
@@ -40,25 +40,22 @@ use crate::scene::Scene;
 use crate::{chart, outcome_table};
 
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
-/// Time after the landing in which messages of a faulted process have to return, ns.
+/// Time after the landing within which messages of a faulted process must resume, ns.
 const RECOVERY_TIMEOUT_NS: i64 = 10_000_000_000;
 /// Silence after which a process is killed, s: longer than a start takes on a busy computer.
 const SILENCE_TIMEOUT_S: f64 = 5.0;
-/// Consecutive failures of a process that end the landing.
 const MAX_FAILURES: u32 = 8;
-/// Rows of the outcome without --verbose.
 const BRIEF_ROWS: usize = 5;
-/// Period of the status line, ns: a line can be read.
+/// Period of the status line, ns: slow enough to read.
 const STATUS_PERIOD_NS: i64 = 500_000_000;
 /// Maximum number of entries of mission states that are kept.
 const MAX_PHASES: usize = 1000;
 /// Delay after which a command without effect is repeated, s.
 const COMMAND_REPEAT_S: f64 = 1.0;
 
-/// Time for which a viewed landing goes on after its end, s: an abort's climb and hold, or the drone on the deck.
+/// Time for which a viewed landing continues after its end, s: an abort's climb and hold, or the drone on the deck.
 const VIEWED_S: f64 = 20.0;
 
-/// Scene of the flags, with the flags of the live system applied.
 pub fn scene(args: &LandArgs) -> Result<Scene, CliError> {
     Ok(with_flags(args, Scene::of(&args.scene)?))
 }
@@ -107,12 +104,12 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
             i64::MAX
         )));
     }
-    // The first call installs the handler: a signal from here on stops the processes.
+    // The first call installs the handler, so that from here on a signal stops the processes.
     if end_requested() {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // An external firmware flies in another session, which also has to run in real time.
+    // An external firmware flies in another session, which must also run in real time.
     let _session = (!args.external).then(scheduling::raise_session);
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
@@ -123,7 +120,7 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
         recorder::can_write(flight)?;
     }
     let landing = match Landing::begin(args, faults, &memory, &plan, &owned) {
-        // A signal can interrupt a start, which is not an error of the input.
+        // A signal can interrupt a start, which is not an input error.
         Err(_) if !memory.wait(Duration::from_millis(1)) => {
             note(true, format_args!("stopped"));
             return Ok(Exit::Failed);
@@ -168,7 +165,6 @@ fn record(args: &LandArgs, scene: &Scene, plan: &LandingSetup, ending: &Ending) 
     Ok(())
 }
 
-/// End of a landing that was not stopped from outside.
 struct Ending {
     result: WorldReport,
     usage: String,
@@ -232,7 +228,6 @@ struct Landing<'a> {
     /// The mission has left its idle state for the landing.
     begun: bool,
     state: State,
-    /// Time of the newest status line, steady clock, ns.
     shown_ns: i64,
     phases: Vec<PhaseEntry>,
     faults: Vec<LiveFault>,
@@ -296,7 +291,6 @@ impl<'a> Landing<'a> {
         })
     }
 
-    /// Runs to the end; None if it was stopped from outside.
     fn run(mut self, memory: &Memory) -> Result<Option<Ending>, CliError> {
         let shown = std::io::stderr().is_terminal();
         loop {
@@ -364,7 +358,6 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Injects the faults and gives the orders that are due.
     fn poll_faults(&mut self, now: Time<DroneClock>) -> Result<(), CliError> {
         let (t_s, snapshot, alone) = (self.t_s(), &self.observer.snapshot, self.args.form.alone());
         let mut orders = Vec::new();
@@ -401,7 +394,7 @@ impl<'a> Landing<'a> {
         self.commands.send(&Command { header, kind });
     }
 
-    /// After the landing, waits briefly for a faulted process whose messages have not returned.
+    /// After the landing, waits briefly for a faulted process whose messages have not resumed.
     fn await_recovery(&mut self, memory: &Memory) -> Result<(), CliError> {
         let until = steady_ns() + RECOVERY_TIMEOUT_NS;
         while self.faults.iter().any(LiveFault::is_under_way) && steady_ns() < until {
@@ -415,7 +408,6 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    /// Records the mission's phase, and shows it with a status line.
     fn phase(&mut self, t_s: f64, shown: bool) {
         let clear = || {
             if shown {
@@ -447,8 +439,8 @@ impl<'a> Landing<'a> {
         }
     }
 
-    /// Commands the landing when it is due, until the mission has begun it; a restarted mission restores the
-    /// landing by itself.
+    /// Commands the landing when it is due, until the mission begins it; a restarted mission restores the landing by
+    /// itself.
     fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {

@@ -42,14 +42,11 @@ pub struct LandingSetup {
     /// Directory in which processes record; None without a recording.
     pub flight: Option<PathBuf>,
     pub clock: ProcessClock,
-    /// Time before the order to land, s.
     pub warm_up_s: f64,
-    /// Numbers of vessel and drone.
     pub ids: (u32, u32),
 }
 
 impl LandingSetup {
-    /// Writes the files of a scene to the instance's directory.
     pub fn of(scene: &Scene, args: &LandArgs, owned: &OwnedInstance) -> Result<LandingSetup, CliError> {
         let epoch_ns = steady_ns() + START_DELAY_NS;
         let streams = Streams::new(args.seed);
@@ -110,7 +107,6 @@ impl LandingSetup {
             drone,
         })
     }
-    /// Arguments of a process, with its attachments.
     pub fn arguments(&self, kind: ProcessKind) -> Vec<String> {
         let config = if computer::PROCESSES.contains(&kind) || kind == ProcessKind::View {
             &self.drone_file
@@ -178,7 +174,7 @@ fn drone_computer(
     }
 }
 
-/// Simulated vehicles of a scene, without links and time zero.
+/// Simulated vehicles of a scene, without links and without a time zero.
 fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, CliError> {
     Ok(SimulatedWorld {
         instance: args.instance.clone(),

@@ -1,5 +1,5 @@
-//! A storm's list on real processes (`alight land --faults`): its scene, and the faults that can be applied
-//! to processes, to the radio or as orders.
+//! A storm's list on real processes (`alight land --faults`): its scene, and the faults that can be applied to
+//! processes, to the radio or as orders.
 
 use std::path::Path;
 
@@ -36,7 +36,7 @@ pub fn scene(storm: &Storm) -> Scene {
     }
 }
 
-/// Faults of a scene that real processes can have, without those of the radio.
+/// Faults of a scene that can be applied to real processes, without those of the radio.
 #[derive(Default)]
 pub struct LiveFaults {
     /// Faults of processes, and orders. The supervisor restarts a killed process regardless of `lasts_s`.
@@ -89,7 +89,7 @@ impl LiveFaults {
             let possible = of_processes.chain(ORDERS.map(|(kind, _)| kind));
             let names: Vec<&str> = possible.map(FaultKind::name).collect();
             return Err(format!(
-                "{}: real processes can have {}, and radio-lost once",
+                "{} is not possible on real processes: choose from {}, or radio-lost once",
                 kind.name(),
                 names.join(", ")
             ));

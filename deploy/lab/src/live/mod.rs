@@ -1,5 +1,5 @@
-//! Landings in real time: the nodes as processes over Zenoh and iceoryx2, with a process of the simulated
-//! vehicles and injected faults.
+//! Landings in real time: the nodes as processes over Zenoh and iceoryx2, with a process for the simulated vehicles
+//! and injected faults.
 
 pub mod air;
 pub mod args;

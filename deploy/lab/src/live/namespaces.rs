@@ -1,12 +1,11 @@
-//! Two Linux network namespaces, one per computer, each with a TUN device for the link emulator. iproute2's
-//! `ip` makes and removes them, which needs the right to administer the network (root).
+//! Two Linux network namespaces, one per computer, each with a TUN device for the link emulator. iproute2's `ip`
+//! creates and removes them, which requires network administration rights (root).
 
 use std::process::{Command, Stdio};
 
 use alight_computer::exit::{CliError, Doing};
 use tun_rs::{DeviceBuilder, SyncDevice};
 
-/// Addresses of vessel and drone.
 pub const ADDRESSES: [&str; 2] = ["10.77.0.1", "10.77.0.2"];
 /// Maximum packet size, bytes; the usual value, so that packets are fragmented as at sea.
 const MTU: u16 = 1500;
@@ -49,7 +48,7 @@ impl Namespaces {
         }
         Ok(())
     }
-    /// Removes both, including those of a run that was killed. Processes in them keep their sockets.
+    /// Removes both namespaces, including those of a killed run. Processes in them keep their sockets.
     pub fn remove(&self) {
         for side in 0..2 {
             let _none = ip(&["netns", "del", &self.space(side)]);
@@ -73,7 +72,6 @@ impl Namespaces {
         ip(&["-n", &space, "link", "set", "radio", "up"])?;
         Ok(device)
     }
-    /// Command prefix that runs a command in the namespace.
     pub fn enter(&self, side: usize) -> Vec<String> {
         ["ip", "netns", "exec", &self.space(side)]
             .map(String::from)
@@ -84,7 +82,7 @@ impl Namespaces {
 pub struct OwnSpaces(Namespaces);
 
 impl OwnSpaces {
-    /// Makes new namespaces, after removing those of a run that was killed.
+    /// Creates new namespaces, after removing those of a killed run.
     pub fn make(name: &str) -> Result<OwnSpaces, CliError> {
         let own = OwnSpaces(Namespaces::named(name));
         own.0.remove();

@@ -1,7 +1,7 @@
-//! Drive of the drone's rotors: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP,
-//! or a firmware in lock-step, by sockets around [`alight_sim::autopilots`]. The simulation does not wait for
-//! an absent or late firmware: the drone stays on its pad or flies on with its last motor commands, and the
-//! sea continues in real time.
+//! Source of the drone's rotor commands: the simulated autopilot, whose MAVLink goes to `alight autopilot` over UDP,
+//! or a firmware in lock-step, by sockets around [`alight_sim::autopilots`]. The simulation does not wait for an
+//! absent or late firmware: the drone stays on its pad or flies on with its last motor commands, and the sea
+//! continues in real time.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
@@ -30,9 +30,9 @@ use alight_uav::autopilot::wire::Encoder;
 use crate::live::config::AutopilotKind;
 
 const READ: Duration = Duration::from_millis(2);
-/// Time limit for PX4's answer to a sample, ns. A missing answer comes at the earliest with the next sample,
-/// because its rate loop may run at every second sample. Its set-points and odometry age meanwhile. Measured:
-/// waits of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
+/// Time limit for PX4's reply to a sample, ns. The reply to a missed sample comes at the earliest with the next
+/// sample, because PX4's rate loop may run at every second sample. Meanwhile its set-points and odometry age.
+/// Measured: waits of 0.5 s ended in Hold up to 11 times a flight, waits of 0.03 s never.
 const ANSWER_NS: i64 = 30_000_000;
 /// Silence of a firmware after which its motors are off, ns.
 const GONE_NS: i64 = 1_000_000_000;
@@ -49,7 +49,6 @@ pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
     }
 }
 
-/// Waits until the clock reads `t`, at most one tick.
 pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
     let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
@@ -59,7 +58,6 @@ enum Link {
     /// MAVLink bytes of the simulated autopilot, exchanged with the drone's computer.
     Simulated {
         socket: UdpSocket,
-        /// Ground station on its second link.
         station: Option<UdpSocket>,
         autopilot: Option<Box<SimulatedAutopilot>>,
         signing: Option<Signing>,
@@ -72,7 +70,6 @@ enum Link {
     },
     Ardupilot {
         socket: UdpSocket,
-        /// Sender and number of the last request.
         asker: Option<(SocketAddr, u32)>,
         motors: Option<[f64; MAX_ROTORS]>,
     },
@@ -81,7 +78,7 @@ enum Link {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
     Answered,
-    /// The firmware does not answer every sample, and none is due for this one.
+    /// The firmware does not reply to every sample, and no reply is due for this one.
     NoneDue,
     Unanswered,
 }
@@ -96,8 +93,8 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to
-    /// `mavlink` and to a ground station at `station`, signed if a key is set.
+    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to `mavlink` and
+    /// to a ground station at `station`, signed if a key is set.
     pub fn open(
         kind: AutopilotKind,
         mavlink: &str,
@@ -154,8 +151,8 @@ impl Plant {
             late: 0,
         })
     }
-    /// Places the drone when it is due: in the air under the simulated autopilot; on the ground under a
-    /// firmware, from where a pilot flies it.
+    /// Places the drone when it is due: in the air under the simulated autopilot; on the ground under a firmware,
+    /// from where a pilot flies it.
     pub fn place(&mut self, physics: &mut Physics) {
         if physics.drone(0).is_some() {
             return;
@@ -173,8 +170,8 @@ impl Plant {
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
         }
     }
-    /// Takes the readings of devices on the simulated autopilot: rangefinder and beacon. A firmware's plant
-    /// has neither, so its ranges remain in the readings.
+    /// Removes the readings of devices attached to the simulated autopilot: rangefinder and beacon. A firmware's
+    /// plant has neither, so its ranges remain in the readings.
     pub fn take(&mut self, readings: &mut DroneReadings, clock: &ClockModel) {
         let Link::Simulated {
             autopilot: Some(autopilot),
@@ -192,11 +189,11 @@ impl Plant {
             frame.iter().for_each(|bytes| drop(socket.send(bytes)));
         }
     }
-    /// Slices in which the firmware did not answer in time.
+    /// Number of slices in which the firmware did not reply in time.
     pub fn late(&self) -> u64 {
         self.late
     }
-    /// Advances the world by one tick, each slice when the clock reaches it.
+    /// Advances the world by one tick, slice by slice as the clock reaches each.
     pub fn advance(&mut self, physics: &mut Physics, memory: Option<&Memory>, clock: &ProcessClock) {
         if let Link::Simulated {
             autopilot: Some(autopilot),
@@ -251,7 +248,7 @@ impl Plant {
                 motors,
             } => {
                 let answer = ardupilot::answer(sensed, 0.0);
-                // The request of the last slice is answered with the state that followed from it.
+                // The request of the last slice is answered with the resulting state.
                 if let Some((to, _)) = asker {
                     let _lost = socket.send_to(answer.as_bytes(), *to);
                 }
@@ -295,8 +292,8 @@ fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
     received
 }
 
-/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the
-/// ground station's if there is one.
+/// Advances the simulated autopilot by a slice; returns its motor commands. `links`: the companion's, and the ground
+/// station's if there is one.
 fn simulated_turn(
     (socket, station): (&UdpSocket, Option<&UdpSocket>),
     autopilot: &mut SimulatedAutopilot,
@@ -304,7 +301,7 @@ fn simulated_turn(
     sensed: &PlantState,
 ) -> Option<[f64; MAX_ROTORS]> {
     if !*handed_over {
-        // PX4 rejects Offboard until set-points have been streamed for long enough: the pilot tries again.
+        // PX4 rejects Offboard until set-points have been streamed for long enough, so the pilot tries again.
         let offboard = mode_number(autopilot.firmware(), AutopilotMode::Offboard);
         *handed_over = autopilot.choose(offboard);
     }
@@ -336,12 +333,12 @@ fn accept_px4(door: &TcpListener, stream: &mut Option<TcpStream>) {
             .and_then(|()| new.set_read_timeout(Some(READ)))
             .is_ok()
     {
-        terminal::line(format_args!("world: PX4 is there ({from})"));
+        terminal::line(format_args!("world: PX4 connected ({from})"));
         *stream = Some(new);
     }
 }
 
-/// [`px4_turn`] if PX4 is connected; closes a broken link.
+/// Runs [`px4_turn`] if PX4 is connected; closes a broken link.
 fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Turn {
     let answered = stream.as_mut().map(|s| px4_turn(s, plant, sent, until));
     match answered {
@@ -356,8 +353,8 @@ fn px4_exchange(stream: &mut Option<TcpStream>, plant: &mut Px4Plant, sent: &[u8
     }
 }
 
-/// Sends the sensors' measurements and, if motor commands are due, reads until they arrive or until `until`.
-/// Err: the link is broken.
+/// Sends the sensors' measurements and, if motor commands are due, reads until they arrive or until `until`. Err: the
+/// link is broken.
 fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i64) -> Result<Turn, ()> {
     stream.write_all(sent).map_err(|_| ())?;
     if !plant.due() {
@@ -383,7 +380,7 @@ fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i6
     Ok(Turn::Unanswered)
 }
 
-/// Waits until `until` for a new packet; answers a repeated one again.
+/// Waits until `until` for a new packet; answers a repeated packet again.
 fn ardupilot_turn(
     socket: &UdpSocket,
     asker: &mut Option<(SocketAddr, u32)>,
@@ -400,7 +397,7 @@ fn ardupilot_turn(
                 let _lost = socket.send_to(answer.as_bytes(), from);
             } else {
                 if asker.is_none() {
-                    terminal::line(format_args!("world: ArduPilot is there ({from})"));
+                    terminal::line(format_args!("world: ArduPilot connected ({from})"));
                 }
                 *asker = Some((from, servos.frame));
                 return Some(servos);
@@ -439,7 +436,7 @@ mod tests {
         let sensors = FirmwareSensors::new(&c, &Default::default(), Default::default(), &Streams::new(1));
         Plant::open(kind, "", None, None, &c, sensors).unwrap()
     }
-    /// Exchanges until the motors are as `wanted`; returns that slice.
+    /// Exchanges until the motor commands satisfy `wanted`; returns that slice.
     fn until(plant: &mut Plant, from: i64, wanted: impl Fn(Option<[f64; MAX_ROTORS]>) -> bool) -> i64 {
         (from..from + MAX)
             .find(|k| {
@@ -447,7 +444,7 @@ mod tests {
                 alight_computer::process::supervisor::pause(Duration::from_millis(1));
                 done
             })
-            .expect("the motors as wanted")
+            .expect("motor commands that satisfy `wanted`")
     }
     fn quarter(motors: Option<[f64; MAX_ROTORS]>) -> bool {
         motors.is_some_and(|m| m.iter().all(|s| (s - 0.25).abs() < 1e-3))

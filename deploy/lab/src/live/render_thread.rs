@@ -1,5 +1,5 @@
-//! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes
-//! the images in the drone's shared memory or writes them as a device would.
+//! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes the
+//! images in the drone's shared memory or writes them as a device would.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -26,8 +26,8 @@ use crate::live::config::Devices;
 /// Maximum number of shots in the queue; further shots are lost, as in an overrun camera.
 const QUEUE_LENGTH: usize = 2;
 
-/// Maximum lateness of a device's image, ns; a later image is lost, because the reader derives the age from
-/// the nominal delay.
+/// Maximum lateness of a device's image, ns; a later image is lost, because the reader derives the age from the
+/// nominal delay.
 const MAX_LATE_NS: i64 = 5_000_000;
 
 pub struct RenderThread {
@@ -38,7 +38,7 @@ pub struct RenderThread {
 enum Sink {
     /// Shared memory of the drone, which must outlive its port.
     Memory { images: ImagePublisher, _memory: Memory },
-    /// Device of the drone's computer.
+    /// Named pipe that the drone's computer reads like a device.
     Pipe(Pipe),
 }
 
@@ -62,8 +62,8 @@ impl Sink {
             }
         }
     }
-    /// Whether an image exposed at this time would be lost. In shared memory an image carries its time and is
-    /// never late.
+    /// Whether an image exposed at this time would be lost. In shared memory an image carries its time and is never
+    /// late.
     fn too_late(&self, shot: &Shot) -> bool {
         match self {
             Sink::Memory { .. } => false,
@@ -104,7 +104,6 @@ impl Pipe {
         }
         written
     }
-    /// Write end of the pipe, if it has a reader.
     fn reader(&self) -> Option<File> {
         let flags = OFlags::NONBLOCK.bits().cast_signed();
         let pipe = OpenOptions::new()
@@ -119,7 +118,7 @@ impl Pipe {
 }
 
 impl RenderThread {
-    /// Camera of a seed that renders into shared memory; None if the measurement model replaces it.
+    /// Camera for this seed that renders into shared memory; None if the measurement model replaces it.
     pub fn of(instance: &Instance, scenario: &Scenario, seed: u64) -> Result<Option<RenderThread>, CliError> {
         let render = &scenario.sensors.render;
         if !render.on {

@@ -1,4 +1,5 @@
-//! Report of a live landing in addition to its outcome: usage of the processes, delays, effects of the faults.
+//! Report of a live landing in addition to its outcome: resource usage of the processes, delays, effects of the
+//! faults.
 
 use alight_computer::process::snapshot::{Snapshot, time};
 use alight_computer::record::flight::summary::{FlightSummary, PhaseEntry};
@@ -14,7 +15,7 @@ use crate::live::fault::FaultReport;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {
     pub process: String,
-    /// Processor time per time since its last start, per cent of one core.
+    /// Processor time per time since the last start, per cent of one core.
     pub cpu_percent: f64,
     pub memory_mb: f64,
     /// Median duration of a step of its node, s.
@@ -24,7 +25,6 @@ pub struct ProcessUsage {
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveReport {
-    /// Starts of processes beyond the first.
     pub restarts: u32,
     pub processes: Vec<ProcessUsage>,
     /// Delay from a measurement on the vessel to the set-point on the drone, median and 99th percentile, s.
@@ -35,7 +35,6 @@ pub struct LiveReport {
     pub world_late_s: f64,
     /// Number of its ticks more than one period late.
     pub world_late_ticks: u64,
-    /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     #[serde(default)]
@@ -93,7 +92,6 @@ impl LiveReport {
         let newest = self.phases.last().filter(|_| self.is_matched);
         newest.map(|p| p.reason.as_str())
     }
-    /// Summary of the landing for the directory of its recording.
     pub fn summary(&self, o: &Outcome) -> FlightSummary {
         let name = if o.success { "landed" } else { o.outcome.name() };
         let matched = self.matched();

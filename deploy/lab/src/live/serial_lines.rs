@@ -1,8 +1,8 @@
 //! Lines between simulated devices and the computers: pseudo-terminals in place of serial ports, or UDP.
 //!
-//! Only the sensor's end is held open. The computer's end has a fixed path, like the name of a USB adapter.
-//! After the computer has closed it, a new pseudo-terminal replaces it, because the old one keeps unread
-//! bytes and its reader's exclusive mode (TIOCEXCL).
+//! Only the sensor's end is held open. The computer's end has a fixed path, like the name of a USB adapter. After the
+//! computer has closed it, a new pseudo-terminal replaces it, because the old one keeps unread bytes and its reader's
+//! exclusive mode (TIOCEXCL).
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
@@ -21,13 +21,12 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Maximum number of bytes that are read at once from a computer.
 const MAX_RECEIVED: usize = 1 << 16;
 
 pub struct SerialLine {
     path: PathBuf,
     sensor_end: File,
-    /// The computer had the line open at the last check.
+    /// Whether the computer had the line open at the last check.
     open: bool,
 }
 
@@ -81,7 +80,7 @@ fn connect(path: &Path) -> io::Result<File> {
         .to_str()
         .map_err(|e| io::Error::new(ErrorKind::InvalidData, e))?;
     let flags = OFlags::NOCTTY | OFlags::NONBLOCK;
-    // The kernel reports a closed end, but reports one that was never opened as open.
+    // The kernel reports whether an end is closed, but reports an end that was never opened as open.
     drop(
         OpenOptions::new()
             .read(true)
@@ -96,7 +95,7 @@ fn connect(path: &Path) -> io::Result<File> {
     Ok(line.into())
 }
 
-/// Measurements that each of these sensors of a vessel carries.
+/// Types of measurements that each of a vessel's sensors sends.
 pub fn assigned(sources: &[SourceConfig]) -> Result<Vec<Carries>, CliError> {
     Carries::assign(sources).ok_or_else(|| {
         CliError(
@@ -136,7 +135,6 @@ impl Wire {
             ))),
         }
     }
-    /// Sends bytes, and returns those that arrived.
     fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         match self {
             Wire::Serial(line) => line.exchange(bytes),
@@ -169,7 +167,7 @@ impl SensorLines {
     pub fn send(&mut self, readings: &Readings, rtcm: &[u8]) {
         let bytes = self.boat.bytes(readings, rtcm);
         for (wire, bytes) in self.wires.iter_mut().zip(bytes) {
-            // A broken line stays silent, which the vessel's computer reports.
+            // A broken line stays silent, and the vessel's computer reports the silence.
             let _requests = wire.exchange(&bytes);
         }
     }

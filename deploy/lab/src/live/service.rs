@@ -15,18 +15,15 @@ use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
 
-/// RestartSec of the units, ns.
 const RESTART_NS: i64 = 100_000_000;
-/// TimeoutStopSec of the units, ns.
 const STOP_NS: i64 = 5_000_000_000;
 pub const READY_S: f64 = 60.0;
 const POLL: Duration = Duration::from_millis(10);
-/// Number of last output lines of a service to show.
 const LAST_LINES: usize = 5;
 
 pub fn command(program: &Path, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
-    // Own process group: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
+    // A separate process group: the terminal's Ctrl-C reaches only the rehearsal, which ends all services.
     command
         .args(arguments)
         .process_group(0)
@@ -49,8 +46,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which also receives its
-    /// state and its output. `program` may include a prefix.
+    /// Starts `PROGRAM NAME --config NAME.toml MORE` with the file in `directory`, which also receives its state and
+    /// its output. `program` may include a prefix.
     pub fn start<W: AsRef<OsStr>>(
         name: &'static str,
         program: &[W],
@@ -109,7 +106,6 @@ impl Service {
     pub fn ready_s(&self) -> Option<f64> {
         self.ready_s
     }
-    /// Standard output since the last call.
     pub fn output(&self) -> Vec<String> {
         self.lines.iter().flat_map(Receiver::try_iter).collect()
     }
@@ -171,7 +167,7 @@ impl Service {
             drop(child.stdin.take());
         }
     }
-    /// Asks it to end, and kills it after a timeout; true if it ended by itself.
+    /// Asks the service to end, and kills it after a timeout; true if it ended by itself.
     pub fn stop(&mut self) -> bool {
         self.ask_to_end();
         let deadline_ns = steady_ns() + STOP_NS;
@@ -188,7 +184,7 @@ fn socket(directory: &Path, name: &str) -> PathBuf {
     directory.join(format!("{name}.notify"))
 }
 
-/// Whether the process `pid` runs; a zombie does not.
+/// Whether the process `pid` runs; a zombie does not count.
 pub fn runs(pid: u32) -> bool {
     std::fs::read_link(format!("/proc/{pid}/exe")).is_ok()
 }

@@ -41,7 +41,7 @@ impl BodyTruth {
             position: Point::from(p),
             velocity: Vector::from(v),
             acceleration: Vector::from(a),
-            // It is a unit quaternion: normalising it again could change a bit.
+            // The quaternion has unit length: normalising it again could change a bit.
             attitude: Rotation::from(UnitQuaternion::new_unchecked(Quaternion::new(qw, x, y, z))),
             rates: Vector::from(w),
             angular_acceleration: Vector::from(dw),

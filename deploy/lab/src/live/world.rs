@@ -1,6 +1,6 @@
 //! The simulated vehicles in real time: the vessel with its sensors, the drone with its autopilot, camera and
-//! rangefinder. It communicates with other processes only as real vehicles would, and with its supervisor by
-//! lines on standard output.
+//! rangefinder. They communicate with other processes only as real vehicles would, and with their supervisor by lines
+//! on standard output.
 
 use std::fmt;
 use std::time::Duration;
@@ -45,7 +45,6 @@ pub const CONTACT: &str = "world: first contact";
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WorldReport {
-    /// The outcome, judged from the truth.
     Landed(Box<Landed>),
     /// The trial ended because this computer did not keep up with it.
     TooSlow(TooSlow),
@@ -59,12 +58,12 @@ pub struct TooSlow {
 }
 
 impl TooSlow {
-    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an
-    /// autopilot waits 0.5 to 1 s for set-points.
+    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an autopilot
+    /// waits 0.5 to 1 s for set-points.
     const BEHIND_S: f64 = 1.0;
 
-    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the
-    /// warm-up, such as while a firmware connects, does no harm.
+    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the warm-up,
+    /// such as while a firmware connects, has no effect.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
         let commanded = t_s + late_s >= 0.0;
         (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
@@ -88,7 +87,6 @@ impl fmt::Display for TooSlow {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Landed {
     pub outcome: Outcome,
-    /// First contact, time since the start, s.
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
@@ -96,13 +94,13 @@ pub struct Landed {
     pub latest_tick_s: f64,
 }
 
-/// Runs until the trial is over or the process is asked to end. Its metrics: maximum delay of a tick (s), ticks later
-/// than one period, true time since the start (s), slices that a firmware left unanswered.
+/// Runs until the trial is over or the process is asked to end. Metrics: maximum delay of a tick (s), ticks later
+/// than one period, true time since the start (s), slices without a reply from the firmware.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
     let (kind, args) = (args.autopilot, &args.process);
     let mut world: SimulatedWorld = config::load(&args.config)?;
     if world.scenario.place.among.is_empty() {
-        // The devices' bytes state a latitude and a longitude.
+        // The devices' bytes contain latitude and longitude.
         world.scenario.place.among = vec![AT_SEA];
     }
     if world.epoch_ns == 0 {
@@ -124,8 +122,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             }
         }
     }
-    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority
-    // that would occupy a processor.
+    // No motion is due any more. Leaving the shared memory waits in a loop that yields; at real-time priority that
+    // would occupy a processor.
     scheduling::leave_real_time();
     print(&live.report()?)?;
     Ok(Exit::Success)
@@ -159,9 +157,7 @@ struct LiveWorld<'a> {
     clock: ProcessClock,
     sensors: SensorLines,
     sensing: bool,
-    /// Camera of a drone with its own devices.
     camera: Option<RenderThread>,
-    /// Line of the drone's own GNSS receiver.
     receiver: Option<SerialLine>,
     corrections: Vec<u8>,
     drone: Rejoined<DroneSide>,
@@ -287,12 +283,12 @@ impl<'a> LiveWorld<'a> {
             return;
         };
         if let Some(line) = &mut self.receiver {
-            // A broken line stays silent, which the drone's computer reports.
+            // A broken line stays silent, and the drone's computer reports the silence.
             self.corrections = line.exchange(&readings.receiver).unwrap_or_default();
         }
         self.plant.take(&mut readings, &self.physics.drone_clock(0));
         if self.world.devices.is_some() {
-            // Only data of the camera are sent, and of the rangefinder, which a firmware's plant lacks.
+            // Only camera shots are sent, and ranges, because a firmware's plant has no rangefinder.
             readings = DroneReadings {
                 shots: readings.shots,
                 ranges: readings.ranges,
@@ -320,7 +316,7 @@ impl<'a> LiveWorld<'a> {
         ]);
     }
 
-    /// Judged outcome; also draws the plot of the landing.
+    /// Outcome judged from the truth; also draws the plot of the landing.
     fn report(&mut self) -> Result<WorldReport, CliError> {
         let (world, landing) = (self.world, &mut self.landing);
         let sim_time_s = self.physics.now().secs();
@@ -432,7 +428,6 @@ impl DroneSide {
     }
 }
 
-/// Trace for the plot of the landing.
 struct History {
     trace: Option<Trace>,
     next_s: f64,

@@ -20,7 +20,6 @@ use super::{FlightRecorder, RecordingScene};
 pub struct LockStepObservers<'a> {
     pub recorder: Option<FlightRecorder>,
     observer: Option<&'a mut (dyn Viewer + 'static)>,
-    /// Configurations of the vessel's and the drone's computer.
     configs: [String; 2],
 }
 

@@ -47,7 +47,6 @@ pub struct RecordingScene<'a> {
     pub scenario: &'a Scenario,
     pub nodes: &'a NodeConfigs,
     pub seed: u64,
-    /// Sea as named on the command line.
     pub sea: &'a str,
     pub live: bool,
 }
@@ -76,8 +75,8 @@ impl RecordingScene<'_> {
     }
 }
 
-/// Flies the trial, records it to `path`, and shows it to `watch`. An error of the recording is returned in
-/// addition to the flight.
+/// Flies the trial, records it to `path`, and shows it to `watch`. A recording error is returned in addition to the
+/// flight.
 pub fn fly(
     path: Option<&Path>,
     subject: &RecordingScene<'_>,
@@ -103,7 +102,7 @@ pub fn fly(
     Ok((flown, recorded))
 }
 
-/// Replays the flight of `directory`, writes it to the recording `path`, and shows it to the observers.
+/// Replays the flight in `directory`, writes it to the recording `path`, and shows it to the observers.
 pub fn export(
     directory: &Path,
     subject: &RecordingScene<'_>,
@@ -131,7 +130,6 @@ pub fn export(
 
 struct FlightRecorder {
     path: PathBuf,
-    /// None once the recording has ended.
     recorder: Option<Recorder>,
     truth: TruthViews,
 }
@@ -154,8 +152,8 @@ impl FlightRecorder {
         let recorder = self.recorder.as_ref();
         recorder.is_none_or(|r| r.channel(process.name(), boot).is_some())
     }
-    /// Records the truth at the beginning of a tick. If asked to end (Ctrl-C), ends the process with a
-    /// recording that is readable up to now.
+    /// Records the truth at the beginning of a tick. If asked to end (Ctrl-C), ends the process with a recording that
+    /// is readable up to now.
     fn truth(
         &mut self,
         t: Time<TrueTime>,

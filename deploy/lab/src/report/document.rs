@@ -11,7 +11,7 @@ pub enum Block {
     Text(String),
     Items(Vec<String>),
     Table(Table),
-    /// Only on the page.
+    /// Shown on the page only.
     Chart(Chart),
     Lines(Vec<String>),
 }

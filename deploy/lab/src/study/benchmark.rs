@@ -1,4 +1,4 @@
-//! Scores of a benchmark: one line for each scene and planner, hulls pooled.
+//! Scores of a benchmark: one line for each scene and planner, with hulls pooled.
 
 use alight_computer::cells;
 use alight_computer::table::{Cell, Table};
@@ -9,9 +9,8 @@ use serde_json::{Value, json};
 
 use super::rows::Rows;
 
-/// Landings that one unsafe trial outweighs.
+/// Number of landings that one unsafe trial outweighs.
 const UNSAFE_COST: f64 = 10.0;
-/// Name of the line over all scenes.
 const ALL: &str = "all";
 
 pub struct Score {
@@ -22,9 +21,10 @@ pub struct Score {
     position_m: [Option<f64>; 2],
     contact_mps: [Option<f64>; 2],
     over_deck_s: [Option<f64>; 2],
-    /// Mean over the trials of the 99th percentile of each.
+    /// Mean over the trials of each trial's 99th percentile.
     solve_p99_ms: Option<f64>,
-    /// Landed within the time limit less ten times unsafe, per trial; over all: mean of the scenes.
+    /// Landings within the time limit minus ten times unsafe trials, per trial; for all scenes, the mean of the
+    /// scenes.
     score: Option<f64>,
 }
 
@@ -127,7 +127,6 @@ pub fn table(scores: &[Score]) -> Table {
     table
 }
 
-/// Processor and number of its threads.
 fn machine() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = text

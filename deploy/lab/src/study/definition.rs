@@ -63,8 +63,8 @@ pub struct Changes {
     /// The simulated vessel's engines suffice for its speed.
     pub powered: bool,
     pub published: BTreeMap<String, PublishedResult>,
-    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of
-    /// the files that these flags name.
+    /// Flags of `alight trial`, and the tables `scenario`, `vessel_config` and `drone_config` with keys of the files
+    /// that these flags name.
     #[serde(flatten)]
     pub flags: Table,
 }
@@ -81,7 +81,7 @@ pub struct StudyAxis {
 #[serde(deny_unknown_fields)]
 pub struct StudyGrid {
     pub axis: Vec<StudyAxis>,
-    /// Drawn as curves over one axis, one per choice of the other.
+    /// Drawn as curves over one axis, one curve for each choice of the other.
     #[serde(default)]
     pub curves: bool,
 }
@@ -93,13 +93,13 @@ pub const BY_ROW: &str = "row";
 #[serde(deny_unknown_fields)]
 pub struct Definition {
     pub title: String,
-    /// Version of a benchmark, whose table has scores; its scenes never change.
+    /// Version of a benchmark, whose table has scores; the scenes of a version never change.
     pub version: Option<u32>,
     /// First seed, unless the command line gives one.
     pub seed0: Option<u64>,
     #[serde(default)]
     pub all: Changes,
-    /// Planners, the first of which is compared with the others; the configured one if there are none.
+    /// Planners, the first of which is compared with the others; empty: the configured planner.
     #[serde(default)]
     pub planner: Vec<Changes>,
     #[serde(default)]
@@ -108,7 +108,7 @@ pub struct Definition {
     pub grid: Vec<StudyGrid>,
     /// Axis by whose choices outcomes are pooled, or [`BY_ROW`].
     pub pooled_by: Option<String>,
-    /// Planner whose published values stand next to planners without published values.
+    /// Planner whose published values are shown next to planners without published values.
     #[serde(default)]
     pub beat: String,
     /// Published landings and trials, by planner, over all scenes.
@@ -116,7 +116,6 @@ pub struct Definition {
     pub published_landed: BTreeMap<String, [u32; 2]>,
 }
 
-/// Text of the study called `name`, or of the file of that name.
 pub fn text(name: &str) -> Result<String, CliError> {
     if let Some((_, text)) = SHIPPED.iter().find(|(n, _)| *n == name) {
         return Ok((*text).into());

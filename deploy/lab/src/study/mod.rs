@@ -18,7 +18,7 @@ use super::args::StudyArgs;
 /// `program`: version and commit.
 pub fn run(args: &StudyArgs, program: &str) -> Result<Exit, CliError> {
     let Some(name) = args.name.as_deref() else {
-        return Err(CliError("STUDY is missing: alight help study names them".into()));
+        return Err(CliError("STUDY is missing: alight help study lists them".into()));
     };
     if !args.dirs.is_empty() && name != "merge" {
         return Err(CliError("directories are given to `study merge` only".into()));
@@ -42,7 +42,7 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     let given = std::env::args_os().map(std::ffi::OsString::into_string);
     let given: Vec<String> = given
         .collect::<Result<_, _>>()
-        .map_err(|argument| CliError(format!("--tasks: {} is no text", argument.display())))?;
+        .map_err(|argument| CliError(format!("--tasks: {} is not valid UTF-8", argument.display())))?;
     let seeds = args.tasks.unwrap_or(args.trials);
     for command in tasks::commands(
         args,
@@ -56,7 +56,6 @@ fn print_tasks(args: &StudyArgs, name: &str) -> Result<(), CliError> {
     Ok(())
 }
 
-/// Flies the study called `name`, or that of the file of that name.
 fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;

@@ -1,4 +1,4 @@
-//! `alight study --motion`: motion of the decks of a study as CSV, for other simulators and motion platforms.
+//! `alight study --motion`: motion of a study's decks as CSV, for other simulators and motion platforms.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -96,7 +96,7 @@ impl Motion {
     }
 }
 
-/// Writes the motion of each scene's first seed into `directory`: the warm-up and as long as a landing may take.
+/// Writes the motion of each scene's first seed into `directory`: the warm-up, and the maximum duration of a landing.
 pub fn write(directory: &Path, rows: &[StudyRow], seed: u64, alone: bool) -> Result<(), CliError> {
     let mut written = BTreeSet::new();
     for row in rows.iter().filter(|r| written.insert(&r.scenario)) {

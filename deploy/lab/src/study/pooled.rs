@@ -134,7 +134,7 @@ impl Pool {
     }
 }
 
-/// Row per group and planner: landed, unsafe contacts, neither.
+/// One row per group and planner: landed, unsafe contacts, neither.
 pub fn table(by: &str, pools: &[Pool]) -> Table {
     let heads = [by, "planner", "landed", "95 %", "unsafe contacts", "rejected"];
     let mut table = Table::new(2.., heads.into_iter().chain(METRICS.iter().skip(1).map(|m| m.1)));

@@ -25,12 +25,12 @@ use crate::scene::written;
 
 const MAX_FAILURES: usize = 12;
 const WORST_COUNT: usize = 3;
-/// Maximum number of rows with which the terminal shows worst and best trials.
+/// Maximum number of rows for which the terminal shows worst and best trials.
 const MAX_ROWS_WITH_EXTREMES: usize = 20;
-/// Position error equivalent to the limits of speed and tilt, m: half the deck's width less half of the feet's span.
+/// Position error equivalent to the limits of speed and tilt, m: half the deck's width minus half of the feet's span.
 const POSITION_LIMIT_M: f64 = 0.65;
 
-/// Metric of the report: its name, column, chart caption, minimum end of the chart's axis, and decimals.
+/// Metric of the report: name, column, chart caption, minimum end of the chart's axis, and decimals.
 type Shown = (&'static str, &'static str, &'static str, f64, usize);
 
 const SHOWN: [Shown; 6] = [
@@ -91,7 +91,7 @@ struct ReportRow {
     best_seed: u64,
     #[serde(skip)]
     summary: Summary,
-    /// 95 % bootstrap interval of the mean of each of [`SHOWN`].
+    /// 95 % bootstrap interval of the mean of each metric in [`SHOWN`].
     #[serde(skip)]
     intervals: Vec<Option<[f64; 2]>>,
     /// Replay command of a trial, without `--seed`; None if the study kept no scene.
@@ -145,7 +145,7 @@ impl ReportRow {
     }
 }
 
-/// Largest fraction of a success limit that a trial reaches; failures are above all.
+/// Largest fraction of a success limit that a trial reaches; failures rank above all successes.
 fn worst_limit_fraction(o: &Outcome) -> f64 {
     let fraction = |value: Option<f64>, limit: f64| value.map_or(f64::INFINITY, |v| v / limit);
     let worst = fraction(o.position_error_m, POSITION_LIMIT_M)
@@ -171,11 +171,9 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
 
 pub struct Study<'a> {
     pub title: &'a str,
-    /// Version and commit of the program.
     pub program: &'a str,
     pub definition: &'a Definition,
     pub rows: &'a Rows,
-    /// Hash of the nodes' configuration.
     pub hash: &'a str,
     pub outcomes: &'a [Outcome],
 }
@@ -197,7 +195,7 @@ struct Report {
     rows: Vec<ReportRow>,
     /// Results of each planner over all scenarios, and further results.
     remarks: Vec<String>,
-    /// The first planner compared with each other one: over all, then by scenario.
+    /// Comparisons of the first planner with every other planner: over all scenarios, then by scenario.
     comparisons: Vec<Comparison>,
     failures: Vec<String>,
 }
@@ -313,7 +311,7 @@ fn totals(study: &Study<'_>, planners: &[&str], rows: usize) -> Vec<String> {
     planners.iter().map(total).collect()
 }
 
-/// Compares the first planner with each other one: over all, then by scenario.
+/// Compares the first planner with every other planner: over all scenarios, then by scenario.
 fn comparisons(planners: &[&str], rows: &[ReportRow], outcomes: &[Outcome]) -> Vec<Comparison> {
     let Some((first, others)) = planners.split_first() else {
         return Vec::new();
@@ -367,7 +365,8 @@ impl Report {
         };
         self.rows.iter().map(printed).collect()
     }
-    /// Table of the rows: with intervals, published values and all metrics if `full`, otherwise as wide as a terminal.
+    /// Table of the rows: with intervals, published values and all metrics if `full`, otherwise as wide as a
+    /// terminal.
     fn summary(&self, full: bool) -> Table {
         let metrics = || SHOWN.iter().filter(|s| full || s.0 != "tangential_speed_mps");
         let mut heads = vec!["scenario", "planner", "landed"];
@@ -411,8 +410,8 @@ impl Report {
         }
         table
     }
-    /// Paired differences: better or worse if the interval excludes zero. Lower values are better, except for
-    /// the landing rate.
+    /// Paired differences: better or worse if the interval excludes zero. Lower values are better, except for the
+    /// landing rate.
     fn differences(&self, is_shown: impl Fn(&Comparison) -> bool) -> Table {
         let heads = [
             "scenario",

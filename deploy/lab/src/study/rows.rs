@@ -1,4 +1,4 @@
-//! Rows of a study: its scenes, each flown by its planners, from its file and the command line.
+//! Rows of a study, from its file and the command line: its scenes, each flown by its planners.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -45,7 +45,6 @@ impl StudyRow {
     pub fn is_of(&self, o: &Outcome) -> bool {
         (&self.scenario, &self.planner) == (&o.sea, &o.planner)
     }
-    /// Kind of its planner, as on the command line.
     pub fn kind(&self) -> &str {
         self.nodes.planner_name()
     }
@@ -94,7 +93,7 @@ fn flag_text(flag: &str, value: &str) -> String {
     }
 }
 
-/// Subject of a flag or key; the flags for sea state and sea have the same one.
+/// Subject of a flag or key; the flags for sea state and sea have the same subject.
 fn subject(flag: &str) -> String {
     match flag {
         "sea_state" | "sea-state" => "sea".into(),
@@ -102,8 +101,8 @@ fn subject(flag: &str) -> String {
     }
 }
 
-/// Keeps the choices that match the given flags; if none does, the flags replace the choices. Without axes,
-/// only flags that every row sets are compared.
+/// Keeps the choices that match the given flags; if none matches, the flags replace the choices. Without axes, only
+/// flags that every row sets are compared.
 fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     let varied = |flag: &str| {
         let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
@@ -142,7 +141,6 @@ struct SceneFlags {
     scene: SceneArgs,
 }
 
-/// Configuration with the changes' tables of that name applied.
 fn with<T: Serialize + DeserializeOwned + Check>(
     base: T,
     name: &str,
@@ -163,7 +161,7 @@ fn with<T: Serialize + DeserializeOwned + Check>(
     Ok(changed)
 }
 
-/// Scene of the command line's flags with changes; later changes take precedence.
+/// Scene of the command line's flags with changes applied; later changes take precedence.
 fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> Result<Scene, CliError> {
     let given = given.iter().map(|(flag, value)| flag_text(flag, value));
     let arguments = changes
@@ -216,7 +214,7 @@ fn combinations(axes: &[StudyAxis]) -> Vec<Vec<&Changes>> {
     rows
 }
 
-/// Planners of the command line, otherwise the study's, otherwise the configured one.
+/// Planners of the command line, otherwise the study's, otherwise the configured planner.
 fn planners(definition: &Definition, wanted: &[PlannerChoice]) -> Result<Vec<Changes>, CliError> {
     let mut all: Vec<Changes> = Vec::new();
     for name in wanted.iter().map(PlannerChoice::to_string) {
@@ -247,7 +245,6 @@ fn planners(definition: &Definition, wanted: &[PlannerChoice]) -> Result<Vec<Cha
 }
 
 pub struct Rows {
-    /// All rows, by scene, then by planner.
     pub rows: Vec<StudyRow>,
     /// Grids that are drawn as curves.
     pub curves: Vec<CurveAxes>,
@@ -256,7 +253,6 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Keeps only the row with this number, counted from 1.
     pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
         let (count, index) = (self.rows.len(), number as usize - 1);
         if index >= count {
@@ -301,7 +297,7 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
             let name = joined(choices.iter().map(|c| c.name.as_str()));
             if !names.insert(name.clone()) {
                 return Err(CliError(format!(
-                    "two rows are called `{name}`; give each a name of its own"
+                    "two rows are called `{name}`; give each a unique name"
                 )));
             }
             let changes = [&[&definition.all][..], &choices].concat();

@@ -31,16 +31,14 @@ pub struct GridRun<'a> {
     pub seed0: u64,
     /// None: all cores.
     pub jobs: Option<u16>,
-    /// Directory of rows and scenes.
     pub out: Option<&'a Path>,
     pub shard: Option<Shard>,
     /// Half-width of a row's landing rate interval at which the row ends.
     pub within: Option<f64>,
-    /// The first failed trials are flown again and recorded.
+    /// Flies the first failed trials again and records them.
     pub records_failed: bool,
     /// Measures the planner's solve times.
     pub timed: bool,
-    /// Only the result goes to standard output.
     pub alone: bool,
 }
 
@@ -115,7 +113,7 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
     }
     if hashes.len() > 1 {
         return Err(CliError(format!(
-            "study merge: the directories are of different configurations ({}); join those of one",
+            "study merge: the directories have different configurations ({}); join only directories with the same configuration",
             hashes.into_iter().collect::<Vec<_>>().join(", ")
         )));
     }
@@ -147,7 +145,6 @@ pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
 /// File with the hash of the configuration with which a directory's rows were flown.
 const HASH_FILE: &str = "configuration";
 
-/// File of the study whose rows a directory contains.
 pub const STUDY_FILE: &str = "study.toml";
 
 fn read_hash(dir: &Path) -> Option<String> {
@@ -155,8 +152,8 @@ fn read_hash(dir: &Path) -> Option<String> {
     Some(text.trim().into())
 }
 
-/// Writes the files for replaying the study's trials. Rejects a directory with rows of another study,
-/// configuration or scene.
+/// Writes the files for replaying the study's trials. Rejects a directory with rows of another study, configuration
+/// or scene.
 fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
@@ -209,7 +206,6 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
     Ok(())
 }
 
-/// Name of a file without its extension.
 pub fn file_stem(scenario: &str) -> String {
     scenario.replace(|c: char| !c.is_ascii_alphanumeric() && c != '.', "-")
 }
@@ -226,7 +222,7 @@ fn wanted_key((row, seed): &(&StudyRow, u64)) -> TrialKey {
 struct RowsWriter(Mutex<csv::Writer<File>>);
 
 impl RowsWriter {
-    /// Opens the file, and reads the trials flown before.
+    /// Opens the file, and reads the trials that were already flown.
     fn open(
         args: &GridRun<'_>,
         out: &Path,
@@ -255,7 +251,7 @@ impl RowsWriter {
 
 /// Flies the missing trials; returns all outcomes in the order of rows and seeds.
 pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, CliError> {
-    // The first call installs the handler of signals.
+    // The first call installs the signal handler.
     end_if_asked(args, 0, 0);
     let seeds = seeds(args.seed0, args.trials)?;
     let opened = args
@@ -311,7 +307,7 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
     Ok(done)
 }
 
-/// Ends the process if it was asked to, with the landings flown of all, and the way to continue.
+/// Ends the process if it was asked to, reporting the number of landings flown and how to continue.
 pub fn end_if_asked(args: &GridRun<'_>, flown: usize, all: usize) {
     if !end_requested() {
         return;
@@ -328,11 +324,11 @@ pub fn end_if_asked(args: &GridRun<'_>, flown: usize, all: usize) {
     std::process::exit(1);
 }
 
-/// Trials of a row between two checks of its interval.
+/// Number of a row's trials between two checks of its interval.
 const LOOKED_AT: usize = 20;
 
-/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. Because the
-/// row's own trials end it, the interval covers a little less than 95 %.
+/// Whether a row's landing rate is known to `within`, up and down, by Wilson's 95 % interval. Because the row's own
+/// trials end it, the interval covers a little less than 95 %.
 fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
     let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());

@@ -1,12 +1,12 @@
-//! `alight study --tasks`: prints a study as commands, one per line, that each fly a row and a block of
-//! seeds, for a scheduler with several workers (HyperQueue's `--each-line`, GNU parallel, xargs).
+//! `alight study --tasks`: prints a study as commands, one per line, each of which flies a row and a block of seeds,
+//! for a scheduler with several workers (HyperQueue's `--each-line`, GNU parallel, xargs).
 
 use alight_computer::exit::CliError;
 
 use crate::args::StudyArgs;
 use crate::scene::quoted;
 
-/// Maximum number of commands: schedulers handle fewer and longer ones better.
+/// Maximum number of commands: schedulers handle fewer and longer commands better.
 const TASKS: u64 = 100_000;
 /// Flags that differ between the commands, with values.
 const OWN: [&str; 5] = ["--tasks", "--trials", "--seed0", "--out", "--jobs"];
@@ -50,7 +50,6 @@ pub fn commands(
         .collect())
 }
 
-/// Command line of this process.
 pub fn given() -> String {
     let given = std::env::args_os().map(|a| quoted(&a.to_string_lossy()));
     given.collect::<Vec<_>>().join(" ")
@@ -112,7 +111,7 @@ mod tests {
             "{}",
             all[5]
         );
-        // Each command is valid for this program, and does not ask for commands itself.
+        // Each command is valid for this program, and does not request commands itself.
         let last = all[5].replace('\'', "");
         let args: StudyArgs = typed(last.split_whitespace().skip(1).filter(|w| *w != "my"));
         assert!(args.tasks.is_none() && args.row == Some(2));

@@ -10,7 +10,7 @@ fn is_loopback(endpoint: &str) -> bool {
     host.starts_with("127.") || host.starts_with("localhost:") || host.starts_with("[::1]")
 }
 
-/// Finding for a radio with these endpoints and no certificate.
+/// Finding on a radio with these endpoints and no certificate.
 pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("certificate");
     if endpoints.clone().any(|e| e.starts_with("quic/")) {
@@ -20,7 +20,7 @@ pub fn none<'a>(endpoints: impl Iterator<Item = &'a str> + Clone) -> Finding {
         );
     }
     if endpoints.clone().all(is_loopback) {
-        return TOPIC.fine("none, and the radio stays inside this computer");
+        return TOPIC.fine("none; only this computer can reach the radio");
     }
     TOPIC.warning(
         "the radio is not protected: any peer that reaches the port is accepted",

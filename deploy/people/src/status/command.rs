@@ -23,19 +23,20 @@ Exit codes: 0 fine, 1 warnings or no process, 2 broken; with --watch that of the
 pub struct StatusArgs {
     #[command(flatten)]
     subject: Subject,
-    /// Show everything: each finding, each process, each topic as each process reads it, the radio; --json always does
+    /// Show everything: each finding, each process, each topic as each process reads it, the radio; --json always
+    /// does
     #[arg(long, conflicts_with = "watch")]
     all: bool,
-    /// Show it until stopped (q); without a terminal, a line for each change
+    /// Repeat until stopped (q); without a terminal, print a line for each change
     #[arg(long)]
     watch: bool,
-    /// Print one JSON object, the one that the page of alight view draws
+    /// Print one JSON object, the same that the page of alight view draws
     #[arg(long)]
     json: bool,
 }
 
 const JSON_PERIOD: Duration = Duration::from_secs(1);
-/// Period of reading messages, which limits the resolution of their ages.
+/// Period at which messages are read, which limits the resolution of their ages.
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 
 struct ComputerObserver {
@@ -56,8 +57,8 @@ impl ComputerObserver {
             has_waited: false,
         })
     }
-    /// Reads messages for `span`; the first call waits until every process can have reported. None if no
-    /// process runs or the user has ended the command.
+    /// Reads messages for `span`; the first call waits until every process can have reported. None if no process runs
+    /// or the user has ended the command.
     fn read(&mut self, span: Duration) -> Option<Status> {
         let first = Duration::from_secs_f64(OBSERVATION_S) + 2 * POLL_PERIOD;
         let mut left = if self.has_waited { span } else { first };
@@ -75,7 +76,6 @@ impl ComputerObserver {
     }
 }
 
-/// Shows the status once, or repeatedly until stopped.
 pub fn run(args: &StatusArgs) -> Result<Exit, CliError> {
     let mut observer = ComputerObserver::at(&args.subject.computer()?)?;
     let Some(first) = observer.read(Duration::ZERO) else {

@@ -1,5 +1,3 @@
-//! Known wind, waves and advised heading relative to the vessel's bow.
-
 use alight_computer::situation::ObservedSituation;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::KNOT_MPS;
@@ -8,7 +6,7 @@ use serde::Serialize;
 
 use super::Figure;
 
-/// Minimum speed at which a course over ground is shown, m/s.
+/// Minimum speed for a course over ground to be shown, m/s.
 const STILL_MPS: f64 = 0.3;
 const CALM: &str = "calm";
 /// Half-width of the sectors called ahead and astern, deg.
@@ -20,7 +18,7 @@ pub struct Compass {
     pub heading_deg: f64,
     pub wind_from_deg: Option<f64>,
     pub waves_from_deg: Option<f64>,
-    /// Advised heading before a landing, if the turn is worth it.
+    /// Heading advised before a landing, if turning is worthwhile.
     pub advised_deg: Option<f64>,
     pub text: String,
 }
@@ -33,14 +31,13 @@ pub fn wind(wind: Wind, knots: bool) -> String {
     format!("{:.0} kn from {}°", wind.speed_mps / KNOT_MPS, wind.from_deg)
 }
 
-/// Text of a speed's standard deviation, m/s.
 pub fn known_to(sd_mps: f64, knots: bool) -> String {
     let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
     format!("known to {:.1} {unit} (one standard deviation)", sd_mps / scale)
 }
 
-/// Texts of a vessel's speed and its course over ground in deg, None when stationary. Arguments: velocity to
-/// north and east, m/s.
+/// Texts of a vessel's speed and its course over ground in deg, the latter None when stationary. Arguments: velocity
+/// to north and east, m/s.
 pub fn speed([north, east]: [f64; 2], knots: bool) -> (String, Option<f64>) {
     let mps = north.hypot(east);
     let text = if knots {
@@ -58,7 +55,6 @@ pub fn from_bow(direction_deg: f64, heading_deg: f64) -> f64 {
     (10.0 * turn).round() / 10.0
 }
 
-/// Text of a direction from the bow, deg.
 pub fn bow_text(from_bow_deg: f64) -> String {
     let size = from_bow_deg.abs();
     let side = if from_bow_deg < 0.0 { "port" } else { "starboard" };
@@ -71,7 +67,7 @@ pub fn bow_text(from_bow_deg: f64) -> String {
     }
 }
 
-/// Direction from which the wind blows, deg from the bow, and its text. None if it is unknown or calm.
+/// Direction from which the wind blows, deg from the bow, and its text. None if the wind is unknown or calm.
 fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
     let Some(blows) = blows else {
         return (None, "wind unknown".into());
@@ -157,7 +153,7 @@ pub fn figure(a: &CourseAdvice, knots: bool) -> Figure {
     )
 }
 
-/// Direction from which the waves come and the advised turn, if any, deg from the bow.
+/// Direction from which the waves come, and the advised turn, if any, deg from the bow.
 fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     let [now, best] = a.heading.map(bearing_deg);
     let waves = from_bow(bearing_deg(a.waves_to) + 180.0, now);

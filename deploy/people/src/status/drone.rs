@@ -152,7 +152,8 @@ fn link(s: &ObservedSituation) -> Vec<Finding> {
     all
 }
 
-/// Whether the mission continues a landing, or breaks it off, by itself without the radio; after one it needs none.
+/// Whether the mission continues or breaks off a landing by itself without the radio; after a landing it needs no
+/// radio.
 fn landing_without_radio(s: &ObservedSituation) -> bool {
     let mission = s.snapshot.mission.fresh(s.now_ns);
     mission.is_some_and(|m| m.state == State::Landed || m.state.is_landing() && m.state != State::Hold)
@@ -169,7 +170,7 @@ fn sees_deck(s: &ObservedSituation) -> bool {
     forecast.is_some_and(|f| f.vision_age_s < FRESH_TAGS_S)
 }
 
-/// Source by which a landing goes on, and the one that is lost; None if none is lost.
+/// Source that the landing continues with, and the lost source; None if no source is lost.
 fn goes_on(s: &ObservedSituation) -> Option<String> {
     let lost = |name: &str, age_s: f64| match age_s.is_finite() {
         true => format!("{name} lost {}", minutes(age_s)),
@@ -199,9 +200,9 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
     }
 }
 
-/// Displayed minus usable charge, as a fraction of full, above which the gauge is not trusted.
+/// Displayed minus usable charge, as a fraction of a full battery, above which the gauge is not trusted.
 const DOUBTED: f64 = 0.02;
-/// Finding on a battery too low for the flight to the deck and one attempt.
+/// Finding on a battery that is too low for the flight to the deck and one attempt.
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {
     let mission = s.snapshot.mission.as_ref()?;
     let reserve = mission.battery_reserve;
@@ -226,7 +227,7 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     match deck_m {
         Some(m) if m > MAX_VESSEL_DISTANCE_M => TOPIC.stopping(
             format!("{begins}, the vessel is {m:.0} m away"),
-            "the mission flies to no vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
+            "the mission does not fly to a vessel beyond 5 km: compare the positions of the autopilot and of her receiver with a chart",
         ),
         Some(m) => TOPIC.fine(format!("{begins}, the vessel is {m:.0} m away")),
         None => TOPIC.fine(format!("{begins}; no vessel is known")),
@@ -248,7 +249,7 @@ pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     }
     let barred = go::barred(m.state, &m.entered).filter(|_| !s.snapshot.mission.is_old(s.now_ns));
     let go = Go::of(findings, unknown(s)).worse(barred.map(Go::barred));
-    // Before a descent a radio that is lost on the way is no reason to abort.
+    // Before a descent a radio that may be lost on the way is no reason to abort.
     if !landing_without_radio(s) || radio_lost_s(s).is_none_or(f64::is_infinite) || go.go == Some(false) {
         return go;
     }
@@ -349,7 +350,7 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     all
 }
 
-/// Distance from the deck's centre below which a bearing is not stated, m.
+/// Distance from the deck's centre below which no bearing is given, m.
 const NEAR_M: f64 = 1.0;
 
 /// Drone minus deck by the newest forecast and state: north, east, down, m.
@@ -518,7 +519,7 @@ fn autopilot(s: &ObservedSituation) -> Figure {
     Figure::of(NAME, format!("{mode:?}"), format!("{armed}{landed}")).stale(old)
 }
 
-/// Probability of a landing from here, while it decides: over the deck, before the flare.
+/// Probability of a landing from here, in the states in which it decides: over the deck, before the flare.
 fn probability(s: &ObservedSituation) -> Option<Figure> {
     const NAME: &str = "probability";
     let m = (*s.snapshot.mission)?;
@@ -575,7 +576,7 @@ fn touchdown(s: &ObservedSituation) -> Figure {
     Figure {
         value: match left_s {
             _ if stands => Some("done".into()),
-            // The countdown of an old plan is invalid.
+            // The countdown of an outdated plan is invalid.
             Some(_) if stale => None,
             Some(s) => Some(format!("in {} s", TwoDigits(s.max(0.0)))),
             None => Some("not planned".into()),

@@ -48,7 +48,7 @@ pub struct Finding {
     pub level: FindingLevel,
     pub stops: bool,
     pub found: String,
-    /// Action that removes the cause; empty when fine.
+    /// Action that removes the cause; empty if the level is fine.
     pub remedy: String,
 }
 

@@ -1,5 +1,3 @@
-//! GO or NO-GO for a landing, and the stages of a landing.
-
 use alight_shared::msg::{Phase, Reason, ReasonCode, State};
 use serde::Serialize;
 
@@ -25,14 +23,14 @@ pub fn no_forecast(quality: f64) -> Option<&'static str> {
     none.then_some("forecast quality 0 %: the vessel's motion is not identified yet, or she lies still")
 }
 
-/// Reason why the state, entered for the reason `entered`, forbids a landing order: the drone stands, takes
-/// off, or its attempt has ended or was aborted. None if a landing may be ordered or continue.
+/// Reason why the state, entered for the reason `entered`, forbids a landing order: the drone stands on the deck,
+/// takes off, or has ended or aborted its attempt. None if a landing may be ordered or continue.
 pub fn barred(state: State, entered: &Reason) -> Option<String> {
     let bars = state.ending().is_some() || state.stands_for_take_off() || state == State::TakeOff;
     bars.then(|| state.because(entered))
 }
 
-/// Text of the condition that a state waits for. A flare does not wait: it names its height or nothing.
+/// Text of the condition that a state waits for. A flare does not wait: its text is its height or empty.
 pub fn waits(state: State, code: ReasonCode, text: String) -> String {
     if state == State::Flare && code != ReasonCode::Flaring {
         return String::new();
@@ -41,13 +39,13 @@ pub fn waits(state: State, code: ReasonCode, text: String) -> String {
 }
 
 /// Most important sentence of a state: the reason why the landing ended or was set back; otherwise its progress, or
-/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise what the drone does.
+/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise the drone's activity.
 pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
     let why = entered.to_string();
     if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
         return why;
     }
-    // Texts that describe progress, not a missing condition.
+    // These texts describe progress, not a missing condition.
     let goes_on = matches!(
         code,
         ReasonCode::Descending
@@ -75,10 +73,10 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
 pub struct Go {
     /// None if unknown.
     pub go: Option<bool>,
-    /// Verdict for the crew: before a descent GO, NO-GO or unknown; in a descent LANDING, or ACT if the crew has to act;
-    /// then the outcome.
+    /// Verdict for the crew: before a descent GO, NO-GO or unknown; in a descent LANDING, or ACT if the crew has to
+    /// act; then the outcome.
     pub verdict: &'static str,
-    /// Activity of the drone, or action of the crew.
+    /// Activity of the drone, or action required of the crew.
     pub why: String,
 }
 
@@ -99,7 +97,7 @@ impl Go {
             why: why.into(),
         }
     }
-    /// Judgement of a descent, which goes on unless the crew has to act on `alarm`; `how` it goes on.
+    /// Judgement of a descent, which continues by the means `how` unless `alarm` requires the crew to act.
     pub fn landing(alarm: Option<&Finding>, how: impl Into<String>) -> Go {
         let (go, verdict) = if alarm.is_some() {
             (false, "ACT")
@@ -112,7 +110,7 @@ impl Go {
             why: alarm.map_or_else(|| how.into(), |f| f.remedy.clone()),
         }
     }
-    /// Outcome of an attempt that has ended as planned or by order; None if it has not.
+    /// Outcome of an attempt that has ended as planned or by order; otherwise None.
     pub fn ended(state: State, entered: &Reason, armed: bool) -> Option<Go> {
         let verdict = state.named(entered);
         let why = if state == State::Landed && entered.code != ReasonCode::HardContact {
@@ -183,7 +181,7 @@ pub enum StageProgress {
     Ahead,
 }
 
-/// Whether the drone descends: the question is no longer whether it may begin.
+/// Whether the drone descends, so that the decision to begin is past.
 pub fn descends(state: State) -> bool {
     state.phase() == Phase::Landing
 }

@@ -1,6 +1,6 @@
-//! Status of one computer: facts ([`ObservedSituation`]), findings ([`findings`]) and texts. Terminal
-//! ([`text`], [`watch`], [`command`]) and page ([`crate::view`]) show the same object, [`Status`], which
-//! `alight status --json` prints. `alight check` uses [`finding`]s, too.
+//! Status of one computer: facts ([`ObservedSituation`]), findings ([`findings`]) and texts. Terminal ([`text`],
+//! [`watch`], [`command`]) and page ([`crate::view`]) show the same object, [`Status`], which `alight status --json`
+//! prints. `alight check` also uses [`finding`]s.
 
 pub mod certificate;
 pub mod command;
@@ -42,7 +42,7 @@ pub struct StateView {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figure {
     pub name: &'static str,
-    /// With unit; None if unknown.
+    /// Value with unit; None if unknown.
     pub value: Option<String>,
     pub note: String,
     /// Worst level of the findings whose topic has this name.
@@ -97,11 +97,11 @@ pub struct Status {
     pub title: String,
     pub running: bool,
     pub headline: String,
-    /// Whether a landing may be ordered now or may continue. For a vessel this includes the report of her
-    /// foremost drone.
+    /// Whether a landing may be ordered now or may continue. On a vessel this takes the report of the foremost drone
+    /// into account.
     pub go: Go,
     pub state: Option<StateView>,
-    /// Wind, waves and advised heading from the bow; None if no heading is known.
+    /// Wind, waves and advised heading relative to the bow; None if no heading is known.
     pub compass: Option<Compass>,
     pub figures: Vec<Figure>,
     pub worst: FindingLevel,
@@ -111,8 +111,8 @@ pub struct Status {
 }
 
 impl Status {
-    /// Status of a computer with configuration `configured`, from the `snapshot` of its processes; None if no
-    /// process runs.
+    /// Status of a computer with configuration `configured`, from the `snapshot` of its processes; None if no process
+    /// runs.
     pub fn look(snapshot: Option<&Snapshot>, configured: &ComputerReport) -> Status {
         match snapshot {
             Some(snapshot) => Status::of(ObservedSituation::look(snapshot, configured, steady_ns())),
@@ -155,7 +155,7 @@ impl Status {
             Some((_, status)) => vessel::go(&findings, status),
             None => drone::go(&situation, &findings),
         };
-        // Each of several drones has a figure with its own level.
+        // Each of several drones has a figure with a separate level.
         for figure in figures.iter_mut().filter(|f| f.name != DRONES) {
             let own = findings.iter().filter(|f| f.topic == figure.name);
             figure.level = own.map(|f| f.level).max().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate
-//! suffices for a landing.
+//! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate is good enough
+//! for a landing.
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::SourceHealth;
@@ -9,16 +9,15 @@ use super::finding::{Finding, FindingTopic};
 
 /// Age above which a sensor or an estimate counts as missing, s.
 pub const MISSING_S: f64 = 2.0;
-/// Maximum standard deviations of an estimate for a landing. Chosen: within these, the drone finds the deck's
-/// tags from about 10 m above the deck, in a field of view of some 5 m.
+/// Maximum standard deviations of an estimate for a landing. Chosen: within these, the drone finds the deck's tags
+/// from about 10 m above the deck, with a field of view of about 5 m.
 const MAX_PLACE_M: f64 = 5.0;
 const MAX_HEIGHT_M: f64 = 5.0;
 const MAX_TILT_DEG: f64 = 2.0;
 const MAX_HEADING_DEG: f64 = 5.0;
-/// Minimum number of recent measurements for a rejection rate.
 const MIN_RECENT: u64 = 5;
 
-/// Finding on one source. A missing source is a warning because another of its kind may replace it;
+/// Finding on one source. A missing source is a warning because another of the same kind may replace it;
 /// [`estimator`] reports a kind without any source.
 pub fn source(s: &SourceHealth) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("source");
@@ -53,7 +52,7 @@ pub fn source(s: &SourceHealth) -> Finding {
         ),
         None if d.mismatched_pulses > 0 => TOPIC.warning(
             format!(
-                "{counts}; {} time pulses of another time base than its fixes",
+                "{counts}; {} time pulses in a different time base than its fixes",
                 d.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
@@ -113,7 +112,7 @@ fn uncertain(sd: [f64; 4]) -> Vec<String> {
     .collect()
 }
 
-/// Findings on gaps of the estimate and on whether it suffices for a landing.
+/// Findings on gaps of the estimate and on whether it is good enough for a landing.
 pub fn estimator(e: &EstimatorStatus, sources: &[SourceHealth]) -> Vec<Finding> {
     const TOPIC: FindingTopic = FindingTopic("estimator");
     let mut all = Vec::new();
@@ -205,7 +204,7 @@ mod tests {
 
     #[test]
     fn vessel_status_of_an_estimate_that_is_too_uncertain() {
-        // A receiver whose clock fell back: every fix is rejected, and the position drifts.
+        // The receiver's clock fell back: every fix is rejected, and the position drifts.
         let rejecting = |lately| {
             let mut source = receiver();
             source.uses.lately = lately;

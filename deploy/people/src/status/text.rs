@@ -8,7 +8,6 @@ use super::{Figure, Status};
 
 const HEIGHT: usize = 20;
 const LABEL: usize = 11;
-/// Figures whose change counts as a change of the status.
 const STATE: [&str; 3] = ["deck", "drones", "autopilot"];
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +47,7 @@ fn without_numbers(text: &str) -> String {
 }
 
 impl Status {
-    /// Key of the status; it changes only if the operator has to know.
+    /// Key of the status, which changes only if the operator needs to know.
     pub fn key(&self) -> String {
         let state = self
             .state
@@ -97,7 +96,7 @@ impl Status {
             .collect();
         parts.join("; ")
     }
-    /// Lines that fit into `width` columns and `height` rows, the worst alarms first because the end may be cut off.
+    /// Lines that fit into `width` columns and `height` rows, worst alarms first because the end may be cut off.
     pub fn lines(&self, width: usize, height: usize) -> Vec<StatusLine> {
         let alarms = self.alarms();
         let mut lines = wrapped("", &self.title(), FindingLevel::Fine, 0, width);

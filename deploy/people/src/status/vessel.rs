@@ -36,7 +36,7 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     all
 }
 
-/// Endpoints of the radio. One that did not fit into the report counts as reachable from outside, the worst
+/// Endpoints of the radio. An endpoint that did not fit into the report counts as reachable from outside, the worst
 /// case.
 fn endpoints(known: &VesselReport) -> impl Iterator<Item = &str> + Clone {
     let is_whole = known.listen.left_out == 0 && known.connect.left_out == 0;
@@ -194,7 +194,7 @@ fn advised_course(a: &CourseAdvice, knots: bool) -> Finding {
     FindingTopic("heading").fine(compass::advice(a, knots))
 }
 
-/// Name of the figures of drones; each has its own level.
+/// Name of the drones' figures, each of which has a separate level.
 pub const DRONES: &str = "drones";
 
 pub fn drone(d: &DroneStatus) -> Finding {
@@ -269,8 +269,8 @@ pub fn own_go(findings: &[Finding], status: &VesselStatus) -> Go {
     Go::of(&own, no_waves(status))
 }
 
-/// Judgement of a descent or of its end by the foremost drone's report; before, the worse of the vessel's own
-/// judgement and that of the drone.
+/// Judgement of a descent or of its end by the foremost drone's report; before a descent, the worse of the vessel's
+/// own judgement and the drone's.
 pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
     let foremost = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S);
     if let Some(d) = foremost.map(|d| d.status) {

@@ -1,5 +1,5 @@
-//! `alight status --watch`: redrawn to the size of the terminal window; without a terminal, one line per
-//! change. The terminal is restored however the command ends.
+//! `alight status --watch`: redrawn to the size of the terminal window; without a terminal, one line per change. The
+//! terminal is always restored at the end.
 
 use std::io::IsTerminal;
 use std::time::Duration;
@@ -18,8 +18,8 @@ use super::finding::FindingLevel;
 const PERIOD: Duration = Duration::from_millis(250);
 const MAX_EVENTS: u32 = 64;
 
-/// Shows each status that `look` returns after waiting for the given time, until `look` returns None or the
-/// user quits (q, Esc, Ctrl-C).
+/// Shows each status that `look` returns after waiting for the given time, until `look` returns None or the user
+/// quits (q, Esc, Ctrl-C).
 pub fn run(mut look: impl FnMut(Duration) -> Result<Option<Status>, CliError>) -> Result<(), CliError> {
     if !std::io::stdout().is_terminal() {
         let mut key = None;

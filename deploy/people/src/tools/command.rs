@@ -1,6 +1,6 @@
-//! `alight command`: an operator's command to a mission, and its answer. On the drone's own computer it goes through
-//! shared memory; from ashore it goes through the vessel, with an operator's certificate ([`ashore`]). On the vessel's
-//! computer it also gives the crew's orders for the deck. Every answer names its drone.
+//! `alight command`: sends an operator's command to a mission and prints the reply. On the drone's own computer the
+//! command goes through shared memory; from ashore it goes through the vessel, with an operator's certificate
+//! ([`ashore`]). On the vessel's computer it also gives the crew's orders for the deck. Every reply names its drone.
 
 mod ashore;
 mod beacon;
@@ -41,7 +41,7 @@ pub enum OrderArg {
     Abort,
     /// Hold the present position.
     Hold,
-    /// Take off from the deck, climb and hold (drone.mission.takeoff); with sorties_max unattended cycles.
+    /// Take off from the deck, climb and hold (drone.mission.takeoff); with sorties_max, fly unattended cycles.
     Takeoff,
     /// Unattended cycles: ready for the next sortie.
     Ready,
@@ -61,7 +61,7 @@ pub enum OrderArg {
 
 #[derive(Clone, Copy, Debug, ValueEnum, PartialEq, Eq)]
 pub enum CrewOrderArg {
-    /// No drone may descend; a descent that is still high is aborted.
+    /// No drone may descend; a drone that is still high aborts its descent.
     Closed,
     /// Drones may land, unless a drone reports from the deck.
     Open,
@@ -71,7 +71,6 @@ pub enum CrewOrderArg {
 }
 
 impl OrderArg {
-    /// Whether this order uses the argument with this field name.
     fn takes(self, field: &str) -> bool {
         let is_at = self == OrderArg::DeckAt;
         let is_crews = matches!(self, OrderArg::Deck | OrderArg::Steady | OrderArg::Turning);
@@ -89,8 +88,8 @@ impl OrderArg {
     }
 }
 
-/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None
-/// without an order.
+/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None without an
+/// order.
 pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
     let mut orders = typed.iter().skip(2).filter_map(|t| t.to_str());
     let order = orders.find_map(|t| OrderArg::from_str(t, false).ok());
@@ -122,7 +121,8 @@ impl CommandArgs {
             }
         })
     }
-    /// Time of `--for` in whole multiples of `unit`, the unit of a plain number; otherwise `usual`.
+    /// Duration from `--for` as a whole multiple of `unit`, which is also the unit of a plain number; without
+    /// `--for`, `usual`.
     fn lasting(&self, unit: (&str, f64), limit: u32, usual: u32) -> Result<u32, CliError> {
         let given = self.lasting.map_or(Ok(usual), |t| t.whole(unit, &(0..=limit)));
         given.map_err(|e| CliError::because("--for", e))
@@ -147,8 +147,8 @@ pub struct CommandArgs {
     pub values: Vec<String>,
     /// deck takeoff: clear all take-offs until closed
     ///
-    /// Clears every take-off of that drone until the deck is closed or a take-off is stopped there, not only those
-    /// within two minutes.
+    /// Clears every take-off of that drone until the deck is closed or a take-off is stopped on the deck, not only
+    /// those within two minutes.
     #[arg(long)]
     pub standing: bool,
     /// steady, deck-at: s [60, 300]; station: min [10]
@@ -194,11 +194,11 @@ pub struct CommandArgs {
     pub vessel_id: u32,
     /// Drone; for deck open: a drone clear of the deck
     ///
-    /// From ashore it is required if the vessel receives several drones, and saves time if it receives one. With `deck
-    /// open` the crew has checked that this drone is neither on the deck nor above it.
+    /// From ashore it is required if the vessel receives several drones, and saves time if it receives only one. With
+    /// `deck open` the crew has checked that this drone is neither on the deck nor above it.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub drone: Option<u32>,
-    /// One JSON object instead of lines
+    /// Print one JSON object instead of lines
     #[arg(long)]
     pub json: bool,
 }
@@ -249,7 +249,7 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
     };
     order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
 }
-/// Configuration of the vessel's computer, on which this command runs; errors name the order as `what`.
+/// Configuration of the vessel's computer on which this command runs; errors call the order `what`.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
     if args.vessel.is_some() {
         return Err(CliError(format!(
@@ -259,15 +259,15 @@ fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliE
     commanded_vessel(args.config.as_deref(), args.instance.as_deref())
 }
 
-/// Gives an order to the vessel's process on this computer; returns the status that confirms it, None if it
-/// was not accepted.
+/// Gives an order to the vessel's process on this computer; returns the status that confirms it, None if it was not
+/// accepted.
 fn order_aboard(args: &CommandArgs, what: &str, order: DeckOrder) -> Result<Option<VesselStatus>, CliError> {
     let computer = on_board(args, what)?;
     let memory = join(&computer.instance, "alight-vessel", NAMED)?;
     Ok(OrderOnItsWay::give(&memory, &computer, order)?.wait(&memory))
 }
 
-/// Shared memory of the instance `name`, which the systemd `unit` runs; `other` is advice on naming another.
+/// Shared memory of the instance `name`, which the systemd `unit` runs; `other` advises how to name another instance.
 fn join(name: &str, unit: &str, other: &str) -> Result<Memory, CliError> {
     let instance = Instance::new(name)?;
     if !is_running(&instance) {
@@ -359,7 +359,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
     ))
 }
 
-/// Text for the crew about a take-off clearance: an ordered take-off may wait only for it.
+/// Text for the crew about a take-off clearance: an ordered take-off may be waiting only for this clearance.
 fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) -> &'static str {
     let ordered = |d: &DroneContact| Some(d.status.header.drone) == drone && d.status.state.is_take_off();
     let is_ordered = newest.is_some_and(|s| s.drones.iter().any(ordered));
@@ -378,7 +378,7 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
     }
 }
 
-/// Text about a silent drone for which the opened deck stays reserved, and how to release it.
+/// Text about a silent drone for which the opened deck stays reserved, and how to release the deck.
 fn kept_by(silent_drone: &SilentDrone) -> String {
     format!(
         "{silent_drone};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \

@@ -14,7 +14,7 @@ pub struct ConfigArgs {
     /// Print every key of the file with its default and its meaning, not only those that `alight init` writes
     #[arg(long)]
     pub all: bool,
-    /// Print keys of the method, which no file of a flight sets: for --tuning of studies
+    /// Print keys of the method, which flight configurations do not set, for --tuning of studies
     #[arg(long, conflicts_with = "all")]
     pub tuning: bool,
 }

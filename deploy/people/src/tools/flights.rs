@@ -35,7 +35,7 @@ pub struct FlightsArgs {
 struct Row {
     path: PathBuf,
     begun: String,
-    /// complete, running, cut off, or damaged.
+    /// State of the files: complete, running, cut off, or damaged.
     files: &'static str,
     /// Number of files, and number of files without an end.
     parts: usize,
@@ -67,7 +67,6 @@ pub fn run(args: &FlightsArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Flights in `directory`, or `directory` itself if it is a flight.
 fn flights(directory: &Path) -> Result<Vec<StoredFlight>, CliError> {
     let below = store::flights(directory).map_err(|e| {
         CliError(format!(

@@ -1,7 +1,7 @@
 //! `alight init`: asks the installer about boat and drone, then writes and checks both computers' files.
 //!
-//! The files are the shipped ones, with their comments and with the answers as values. The configuration's
-//! own checks validate each answer before the next question.
+//! The files are the shipped ones with their comments; the answers replace the values. The configuration's own checks
+//! validate each answer before the next question.
 
 #[cfg(test)]
 mod tests;
@@ -29,7 +29,7 @@ alight init --out boat < answers.txt\n\
 Exit codes as of `alight check`: 0 fine, 1 warnings, 2 broken, such as missing certificates."
 )]
 pub struct InitArgs {
-    /// Directory of vessel.toml and drone.toml, made if missing; existing files are kept
+    /// Directory of vessel.toml and drone.toml, created if missing; existing files are kept
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
 }
@@ -49,10 +49,10 @@ enum BoatFile {
     Drone,
 }
 
-/// Key of a file: file, table ("" for the file's own keys) and name.
+/// Key of a file: file, table ("" for top-level keys) and name.
 type Place = (BoatFile, &'static str, &'static str);
 
-/// Question for a value, and the keys that are set to it.
+/// Question for a value, and the keys that are set to the answer.
 struct Question(&'static str, &'static [Place]);
 
 const INERTIA: Place = (BoatFile::Drone, "drone.airframe", "inertia_kgm2");
@@ -95,7 +95,7 @@ const QUESTIONS: &[Question] = &[
         ],
     ),
     Question(
-        "Force with which it holds a drone that stands on it (net, magnets, latch), N; 0: a plain deck",
+        "Force with which the deck holds a standing drone (net, magnets, latch), N; 0: a plain deck",
         &[
             (BoatFile::Vessel, "vessel.deck", "hold_n"),
             (BoatFile::Drone, "drone.deck", "hold_n"),
@@ -160,13 +160,11 @@ impl Boat {
             BoatFile::Drone => &mut self.drone,
         }
     }
-    /// First line of a key's value in the file.
     fn value(&mut self, (of, table, key): Place) -> Option<String> {
         let mut found = lines(self.file(of)).filter(|(at, _)| *at == (table, key));
         let (_, line) = found.next()?;
         line.split_once(" = ").map(|(_, value)| value.to_owned())
     }
-    /// Replaces a value and keeps the comments around it.
     fn set(&mut self, (of, table, key): Place, value: &str) {
         self.replace((of, table, key), &format!("{key} = {value}"));
     }
@@ -194,7 +192,7 @@ impl Boat {
         let value = self.value((BoatFile::Drone, table, key));
         value.and_then(|v| v.parse().ok()).unwrap_or_default()
     }
-    /// Scales the shipped drone's moments of inertia to this mass and arm.
+    /// Scales the shipped drone's moments of inertia to this mass and arm length.
     fn scale_inertia(&mut self) {
         let mut shipped = Boat::shipped();
         let size = |boat: &mut Boat| {
@@ -210,7 +208,7 @@ impl Boat {
             .collect();
         self.set(INERTIA, &format!("[{}]", scaled.join(", ")));
     }
-    /// Sets values that follow from the answers: names of certificates, maximum thrust, tags that suit the deck.
+    /// Sets values that follow from the answers: names of certificates, maximum thrust, tags that fit the deck.
     fn derive(&mut self) -> Result<(), CliError> {
         let hovers = |boat: &mut Boat| {
             let mass_kg = boat.number("drone.airframe", "mass_kg");
@@ -242,8 +240,8 @@ impl Boat {
     }
 }
 
-/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and
-/// headings. A value of several lines is an array and ends with its bracket.
+/// Lines of a shipped file, each with the table and key that it belongs to, ("", "") for comments and headings. A
+/// value of several lines is an array and ends with its bracket.
 fn lines(text: &str) -> impl Iterator<Item = ((&str, &str), &str)> {
     let (mut table, mut open) = ("", None);
     text.lines().map(move |line| {
@@ -299,9 +297,9 @@ struct Installer<R, W> {
 }
 
 impl<R: BufRead, W: Write> Installer<R, W> {
-    /// Reads one answer; an empty one keeps the present value.
+    /// Reads one answer; an empty answer keeps the present value.
     fn ask(&mut self, question: &str, stands: &str) -> Result<String, CliError> {
-        const ASKING: &str = "asking for what is installed";
+        const ASKING: &str = "asking for the installed equipment";
         write!(self.out, "{question} [{stands}]: ").doing(ASKING)?;
         self.out.flush().doing(ASKING)?;
         let mut line = String::new();
@@ -313,7 +311,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
         }
         Ok(line.trim().to_owned())
     }
-    /// Asks until `take` accepts the answer, at most [`TRIES`] times, and prints why it does not.
+    /// Asks until `take` accepts the answer, at most [`TRIES`] times; prints the reason for each rejection.
     fn until(
         &mut self,
         question: &str,
@@ -324,7 +322,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             let answer = self.ask(question, stands)?;
             match take(&answer) {
                 Ok(()) => return Ok(()),
-                Err(why) => writeln!(self.out, "  {why}").doing("asking for what is installed")?,
+                Err(why) => writeln!(self.out, "  {why}").doing("asking for the installed equipment")?,
             }
         }
         Err(CliError(format!(
@@ -348,7 +346,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
             {
                 changed.scale_inertia();
             }
-            // The tags of the shipped deck may not fit another; they are chosen again at the end.
+            // The tags of the shipped deck may not fit another deck; they are chosen again at the end.
             changed.derive().map_err(|e| e.to_string())?;
             *boat = changed;
             Ok(())
@@ -446,7 +444,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
 fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
     let doing = || {
         format!(
-            "writing {}; a file that is there stays: name another directory with --out",
+            "writing {}; an existing file is not replaced: name another directory with --out",
             path.display()
         )
     };
@@ -462,7 +460,7 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let files = ["vessel.toml", "drone.toml"].map(|name| args.out.join(name));
     if let Some(there) = files.iter().find(|f| f.exists()) {
         return Err(CliError(format!(
-            "{} is there and stays as it is: name another directory with --out",
+            "{} already exists and is not replaced: name another directory with --out",
             there.display()
         )));
     }

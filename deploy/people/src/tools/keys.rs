@@ -1,5 +1,3 @@
-//! `alight keys`: makes and shows certificates.
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -15,7 +13,7 @@ use time::OffsetDateTime;
 
 const MAX_SHOWN: usize = 256;
 
-/// Certificates to make or show.
+/// Certificates to create or show.
 #[derive(Args, Debug)]
 pub struct KeysArgs {
     #[command(subcommand)]
@@ -29,7 +27,7 @@ alight keys vessel 1 --dir keys --address 192.168.7.1\n  alight keys drone 1 --d
 Copy keys/vessel-1 to the vessel and keys/drone-1 to the drone; keep keys/authority-key.pem off both.\n\
 Exit codes: 0 fine, 1 something expires within 30 days or has expired, 2 bad input.")]
 pub enum KeysVerb {
-    /// Make a private authority, whose key signs all other certificates.
+    /// Create a private authority, whose key signs all other certificates.
     Init {
         /// Directory of the authority
         #[arg(long, value_name = "DIR", default_value = "keys")]
@@ -38,11 +36,11 @@ pub enum KeysVerb {
         #[arg(long, value_name = "DAYS", default_value_t = 3650, value_parser = clap::value_parser!(u32).range(1..=36500))]
         days: u32,
     },
-    /// Make a vessel's key and certificate.
+    /// Create a vessel's key and certificate.
     Vessel(SideArgs),
-    /// Make a drone's key and certificate.
+    /// Create a drone's key and certificate.
     Drone(SideArgs),
-    /// Make an operator's key and certificate, which allow commanding drones through the vessel.
+    /// Create an operator's key and certificate, which allow commanding drones through the vessel.
     Operator(SideArgs),
     /// Show certificates and their expiry dates.
     Show {

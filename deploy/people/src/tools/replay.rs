@@ -22,7 +22,7 @@ use serde_json::json;
 
 use crate::tools::view::start_viewer;
 
-/// Recording to compute again.
+/// Recording to replay.
 #[derive(Args, Debug)]
 #[command(
     after_help = "With --view a flight runs in real time once the drone has appeared. It waits for no viewer,\n\
@@ -57,7 +57,7 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     let path = &args.path;
     if args.record.is_some() && !path.is_dir() {
         return Err(CliError(format!(
-            "--record: {} is no flight's directory; viewers open a recording as it is",
+            "--record: {} is not a flight's directory; viewers open recordings directly",
             path.display()
         )));
     }
@@ -146,7 +146,7 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
     let headers = shown(log);
     if headers.is_empty() {
         return Err(CliError(format!(
-            "{}: no node's steps to record",
+            "{}: no steps of a node to record",
             log.path().display()
         )));
     }
@@ -160,7 +160,6 @@ fn record(to: &Path, log: &Log) -> Result<Recorder, CliError> {
     Ok(recorder)
 }
 
-/// Viewer of a replay.
 fn observer(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn Viewer>, CliError> {
     let drone = log
         .find("mission")
@@ -177,7 +176,7 @@ fn observer(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn V
     Ok(observer)
 }
 
-/// Log of the recording at `path`; reports its files that have no end.
+/// Log of the recording at `path`; reports its files without an end.
 fn recorded(path: &Path) -> Result<Log, CliError> {
     let log = Log::open(path)?;
     if log.starts.iter().all(|s| s.header.process == WORLD) {

@@ -1,4 +1,5 @@
-//! `alight config schema`: the messages on Zenoh and iceoryx2 and the lines of planners and predictors, for other programs.
+//! `alight config schema`: message formats of Zenoh and iceoryx2 and the lines of external planners and predictors,
+//! for other programs.
 
 use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
@@ -112,7 +113,7 @@ fn topic_fields(topic: &Topic) -> String {
     fields(lines, &(topic.schema)())
 }
 
-/// Lines of a schema's fields below those of its head.
+/// Lines for the fields of a schema, appended to those of its heading.
 fn fields(mut lines: Vec<String>, schema: &Schema) -> String {
     let fields = schema::fields(schema);
     let width = fields.iter().map(|f| f.path.chars().count()).max().unwrap_or(0);

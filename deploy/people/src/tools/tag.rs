@@ -19,13 +19,13 @@ pub struct TagArgs {
     /// Configuration of the drone's computer, for vessel, deck and tags [default: /etc/alight/drone.toml]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Use the shipped configuration's deck instead of this computer's; its tags have numbers that any boat may have
+    /// Use the shipped configuration's deck instead of this computer's; other boats may use the same tag numbers
     #[arg(long, conflicts_with = "config")]
     pub shipped: bool,
-    /// Use the tags suggested for the deck's size instead of the configured ones
+    /// Use the tags suggested for the deck's size instead of the configured tags
     #[arg(long)]
     pub suggest: bool,
-    /// Number of the vessel, whose tags get numbers of their own [default: with --suggest the configuration's]
+    /// Number of the vessel, which determines the numbers of its tags [default: with --suggest the configuration's]
     #[arg(long, value_name = "N")]
     pub vessel: Option<u32>,
     /// Write printable sheets of the tags at true scale, and a drawing of the deck with their positions
@@ -110,7 +110,6 @@ pub fn run(args: &TagArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Number of tags, and their smallest and largest ids.
 fn numbers(tags: &[DeckTag]) -> String {
     let ids = || tags.iter().map(|tag| tag.id);
     match (tags.len(), ids().min(), ids().max()) {
@@ -175,11 +174,11 @@ impl Page {
     fn rectangle(&mut self, x: f64, y: f64, width: f64, height: f64) -> &mut Content {
         self.content.rect(x as f32, y as f32, width as f32, height as f32)
     }
-    /// Draws a tag with its margin, its lower left corner at `x`, `y` and its upper edge forward.
+    /// Draws a tag with its margin; its lower left corner is at `x`, `y` and its upper edge points forward.
     fn tag(&mut self, tag: &DeckTag, x: f64, y: f64, scale: f64) {
         let cell = 1e3 * tag.side_m / 8.0 * scale;
         let Some(cells) = cells(tag.id) else { return };
-        // White cells on one black square leave no seams between black cells.
+        // White cells on one black square avoid gaps between adjacent black cells.
         self.content.set_fill_gray(0.0);
         self.rectangle(x + cell, y + cell, 8.0 * cell, 8.0 * cell)
             .fill_nonzero();
@@ -210,14 +209,13 @@ impl Page {
 }
 
 struct Sheets {
-    /// Vessel and tag numbers, for every sheet.
+    /// Vessel and tag numbers, printed on every sheet.
     whose: String,
     paper: Paper,
     pages: Vec<Page>,
 }
 
 impl Sheets {
-    /// PDF and its number of pages.
     fn print(whose: &str, deck: &DeckGeometry, tags: &Tags, paper: Paper) -> (Vec<u8>, usize) {
         let mut sheets = Sheets {
             whose: whose.into(),

@@ -57,7 +57,7 @@ pub struct ViewCommand {
     pub supervised: bool,
 }
 
-/// Polling period, ns; the display rates of recordings are multiples of it.
+/// Polling period, ns; the display periods of recordings are multiples of it.
 const POLL_PERIOD_NS: i64 = 20_000_000;
 /// Polling period when only the page is served.
 const PAGE_PERIOD: Duration = Duration::from_millis(100);
@@ -242,8 +242,8 @@ impl Ports {
         }
     }
 
-    /// Executes the page's order, an abort, like `alight command abort` on this computer, and replies with
-    /// its result.
+    /// Executes the page's order, an abort, like `alight command abort` on this computer, and replies with its
+    /// result.
     fn order(
         &mut self,
         computer: &DroneComputerConfig,
@@ -253,7 +253,7 @@ impl Ports {
         let now = Time::from_nanos(steady_ns());
         if let Some(order) = given {
             match self.abort {
-                _ if !order.name.is_empty() => drop(order.reply.send(Err("this page only aborts".into()))),
+                _ if !order.name.is_empty() => drop(order.reply.send(Err("this page can only abort".into()))),
                 None => self.abort = Some((give(computer, CommandKind::Abort, now), order)),
                 Some(_) => drop(order.reply.send(Err("an abort is under way".into()))),
             }
@@ -275,7 +275,7 @@ impl Ports {
     }
 }
 
-/// Time of day minus the steady clock, ns: messages for Foxglove carry the time of day.
+/// Time of day minus the steady clock, ns; messages for Foxglove carry the time of day.
 fn wall_offset_ns() -> i64 {
     wall_ns() - steady_ns()
 }

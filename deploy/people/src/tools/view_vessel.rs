@@ -1,4 +1,4 @@
-//! `alight view` on the vessel's computer: its status, judged as by `alight status`.
+//! `alight view` on the vessel's computer: shows its status, judged as by `alight status`.
 
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
@@ -23,10 +23,9 @@ use crate::view::server::PageOrder;
 const LOG_LINES: usize = 12;
 const DRONES: usize = 32;
 const NOT_TAKEN: &str = "NOT TAKEN";
-/// Orders about the course, of which the first lasts for [`STEADY_S`].
+/// Names of the course orders; the first is valid for [`STEADY_S`].
 const COURSE: [&str; 2] = ["steady", "turning"];
 
-/// Order of this name; None for another name.
 fn named(name: &str) -> Option<DeckOrder> {
     let [steady, turning] = COURSE;
     match name {
@@ -74,8 +73,8 @@ impl<'a> VesselObserver<'a> {
             given: None,
         })
     }
-    /// Carries out the crew's order, as `alight command` does. Orders after which rotors may turn are not among them:
-    /// the page has no password.
+    /// Carries out the crew's order, as `alight command` does. Orders after which rotors may turn are excluded,
+    /// because the page has no password.
     pub fn carry_out(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {
             let memory = self.aboard.poll().map(|(memory, _)| memory);
@@ -174,7 +173,7 @@ impl<'a> VesselObserver<'a> {
             let known = self.states.len() < DRONES || self.states.contains_key(&number);
             let before = self.states.get(&number).copied();
             if known && self.states.insert(number, state) != Some(state) {
-                // A view that began when the drone was already on the deck has observed no flight.
+                // A view that began with the drone already on the deck has observed no flight.
                 if let (Some(_), Some(_)) = (state.ending(), before) {
                     let ended = state.named(&drone.status.entered);
                     self.result = Some((at_ns, ended, format!("drone {number}: {}", drone.status.entered)));

@@ -50,33 +50,30 @@ pub struct Board {
     own_motion: Option<(Time<TrueTime>, [f64; 3])>,
     motion: MotionHistory,
     track: GroundTrack,
-    /// The newest motion is the vessel's own estimate.
     is_own: bool,
-    /// Messages come from the vessel's own computer.
     has_vessel: bool,
     log: VecDeque<(Time<TrueTime>, String)>,
     flights: VecDeque<Ended>,
     begun: Option<Time<TrueTime>>,
     shown: Option<State>,
-    /// Flights of earlier runs, the newest first, as their recorder lists them.
+    /// Flights of earlier runs, newest first, as their recorder lists them.
     pub earlier: Vec<FlightLine>,
     pub order: OrderView,
     pub camera: Option<ShownImage>,
-    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at
-    /// rest, m, if known.
+    /// Depth of the foot plane below the drone's centre of mass, and height of the deck above the water at rest, m,
+    /// if known.
     pub heights_m: Option<[f64; 2]>,
-    /// Clearance of the feet at which the flare begins, m, after the mission has reported it.
+    /// Clearance of the feet at which the flare begins, m, once the mission has reported it.
     flare_m: Option<f64>,
     /// Closing speed at the contact of a flare, m/s; None if it was not observed.
     closing_mps: Option<f64>,
-    /// Time and battery charge at the start of this flight.
     charged: Option<(Time<TrueTime>, f64)>,
 }
 
-/// Clearances at which the closing speed is that of the contact, m: above, the drone still brakes; below, errors of
+/// Clearances at which the closing speed equals that at contact, m: above, the drone still brakes; below, errors of
 /// odometry and forecast hide a contact.
 const CONTACT_M: core::ops::Range<f64> = 0.02..0.08;
-/// Fall of the battery's charge from which its rate is known: gauges show whole per cent.
+/// Decrease of the battery's charge from which its rate is known: gauges show whole per cent.
 const KNOWN_FALL: f64 = 0.03;
 
 impl Board {
@@ -187,7 +184,7 @@ impl Board {
         self.own_motion = Some((t, motion));
         self.sample(t);
     }
-    /// Samples the motion at `t` from the vessel's own estimate, or from the drone's forecast without one.
+    /// Samples the motion at `t` from the vessel's own estimate, or without one from the drone's forecast.
     pub fn sample(&mut self, t: Time<TrueTime>) {
         let forecast = self.situation.snapshot.forecast.fresh(t.nanos());
         let stage = forecast.and_then(|f| f.stages.first());
@@ -203,7 +200,7 @@ impl Board {
         self.motion.add(t, sample);
     }
 
-    /// Notes the closing speed of a flare, until the contact.
+    /// Records the closing speed of a flare, until the contact.
     fn closes(&mut self, ns: i64) {
         if self.shown != Some(State::Flare) {
             return;
@@ -236,7 +233,6 @@ impl Board {
         self.closing_mps = None;
         self.order.answer.clear();
     }
-    /// Logs a change of state, and the flight that it ends.
     fn entered(&mut self, t: Time<TrueTime>, m: &MissionState) {
         let before = self.shown.replace(m.state);
         if before == Some(m.state) {
@@ -249,7 +245,7 @@ impl Board {
         if m.state.is_landing() {
             self.begun.get_or_insert(t);
         }
-        // A view that began when the drone was already on the deck has observed no flight.
+        // A view that began with the drone already on the deck has observed no flight.
         if let (Some(_), Some(_)) = (m.state.ending(), before) {
             let took = self.begun.take().map(|at| (t - at).secs());
             let took = took.map_or(String::new(), |s| format!(", after {}", minutes(s)));
@@ -304,7 +300,6 @@ impl Board {
         let world = self.situation.process(ProcessKind::World)?;
         Some(-world.seconds(MetricName::TimeSinceStart)).filter(|s| *s > 0.0)
     }
-    /// The data are those of a live simulation.
     pub fn is_simulated(&self) -> bool {
         self.situation.process(ProcessKind::World).is_some()
     }

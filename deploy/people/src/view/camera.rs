@@ -9,7 +9,7 @@ use crate::view::camera_image::ShownImage;
 use crate::view::view_observer::ViewObserver;
 
 const MAX_BYTES: usize = 20_000;
-/// JPEG qualities; the first with at most [`MAX_BYTES`] is used, and only noise needs the last.
+/// JPEG qualities; the first that yields at most [`MAX_BYTES`] is used, and only noise needs the last.
 const QUALITIES: [u8; 3] = [60, 30, 5];
 
 #[derive(Default)]
@@ -75,7 +75,7 @@ mod tests {
     use std::net::TcpStream;
     use std::time::Duration;
 
-    /// Polls of 5 ms.
+    /// Maximum number of polls, 5 ms each.
     const MAX_POLLS: u32 = 2000;
 
     #[test]

@@ -1,7 +1,7 @@
 //! Limits on viewers' connections: number, backlog, idle time.
 //!
-//! When all places are taken, a new connection replaces the one that was silent longest, first among those
-//! without a complete request, which therefore keep no viewer out.
+//! When all places are taken, a new connection replaces the one that has been silent the longest. Connections without
+//! a complete request are replaced first, so they keep no viewer out.
 
 use std::future::Future;
 use std::io;
@@ -20,11 +20,12 @@ use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep};
 
-/// Maximum number of connections; a browser has up to six.
+/// Maximum number of connections; a browser opens up to six.
 const CONNECTIONS: usize = 64;
 /// Maximum number of connections that wait to be accepted.
 const BACKLOG: u32 = 64;
-/// Kernel's send buffer for a viewer that does not read, bytes: a few pictures, so that a slow reader sees recent ones.
+/// Kernel's send buffer for a viewer that does not read, bytes: a few pictures, so that a slow reader sees recent
+/// ones.
 const SEND_BUFFER_BYTES: u32 = 32 << 10;
 /// Idle time after which a connection is closed, and limit for completing its first request.
 const IDLE: Duration = Duration::from_secs(30);
@@ -48,7 +49,7 @@ impl Guard {
         } else {
             TcpSocket::new_v6()?
         };
-        // Lets a restarted server listen at once.
+        // A restarted server can listen without waiting for the old connections to time out.
         socket.set_reuseaddr(true)?;
         socket.set_send_buffer_size(SEND_BUFFER_BYTES)?;
         socket.bind(address)?;
@@ -139,7 +140,7 @@ impl Connected<IncomingStream<'_, Guard>> for ViewerPeer {
 pub struct Connection {
     stream: TcpStream,
     peer: ViewerPeer,
-    /// Signalled when its place is given to another.
+    /// Signalled when its place is given to another connection.
     closed: Option<oneshot::Receiver<()>>,
     idle: Pin<Box<Sleep>>,
 }

@@ -12,7 +12,6 @@ use alight_transport::memory::Memory;
 use crate::view::view_observer::ViewObserver;
 
 readers! {
-    /// Reader of all messages that a viewer shows.
     pub struct MemoryObserver {
         computer: ComputerReport,
         processes: ProcessState,

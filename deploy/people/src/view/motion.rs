@@ -1,12 +1,10 @@
-//! The deck's motion during the last minute.
-
 use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};
 
 use crate::view::picture::MotionView;
 
-/// Time between two samples, ms; a roll of 2 s has eight.
+/// Time between two samples, ms; a roll period of 2 s has eight.
 const STEP_MS: i64 = 250;
 const SAMPLES: usize = 240;
 

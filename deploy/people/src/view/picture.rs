@@ -1,17 +1,17 @@
-//! Picture of the page: a complete JSON object, so that a viewer that missed some shows the newest.
+//! Picture of the page: a complete JSON object, so that a viewer that missed some pictures shows the newest.
 
 use serde::Serialize;
 
 use crate::status::Status;
 
-/// Position relative to the deck's centre at the same time: forward along the vessel's mean heading, to
-/// starboard, up, m.
+/// Position relative to the deck's centre at the same time: forward along the vessel's mean heading, to starboard,
+/// up, m.
 pub type DeckPoint = [f64; 3];
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DroneView {
     pub at: DeckPoint,
-    /// Rate at which its height above the deck's centre decreases, m/s.
+    /// Rate at which the height above the deck's centre decreases, m/s.
     pub closing_mps: f64,
     /// Roll, pitch, and heading relative to the vessel's mean heading, deg.
     pub euler_deg: [f64; 3],
@@ -39,7 +39,7 @@ pub struct SceneView {
     pub feet_m: Option<f64>,
     /// Height of the deck's centre above the water at rest, m, if known.
     pub freeboard_m: Option<f64>,
-    /// Clearance of the feet at which the flare begins, m, after the mission has reported it.
+    /// Clearance of the feet at which the flare begins, m, once the mission has reported it.
     pub flare_m: Option<f64>,
     pub contact: Option<ContactView>,
     pub forecast_stale: bool,
@@ -55,12 +55,12 @@ pub struct MotionView {
     pub step_s: f64,
     pub roll_deg: Vec<Option<f64>>,
     pub pitch_deg: Vec<Option<f64>>,
-    /// Above the mean.
+    /// Heave above the mean, m.
     pub heave_m: Vec<Option<f64>>,
 }
 
-/// Positions of drone and deck over ground every two seconds, oldest first: metres to north and east of the
-/// deck's newest position; None if unknown.
+/// Positions of drone and deck over ground every two seconds, oldest first: metres to north and east of the deck's
+/// newest position; None if unknown.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct TrackView {
     pub drone: Vec<Option<[f64; 2]>>,
@@ -76,7 +76,7 @@ pub struct LogLine {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ResultView {
     pub ago_s: f64,
-    /// Landed, gave up.
+    /// Landed or gave up.
     pub outcome: &'static str,
     pub text: String,
 }
@@ -85,7 +85,6 @@ pub struct ResultView {
 pub struct FlightLine {
     /// Time since its end, or the date.
     pub when: String,
-    /// Landed, gave up.
     pub outcome: String,
     pub text: String,
 }
@@ -93,7 +92,7 @@ pub struct FlightLine {
 /// Newest image of the drone's camera. The page requests the image separately and computes its age.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CameraView {
-    /// Changes with each image.
+    /// Number that changes with each image.
     pub number: i64,
     /// Time since the middle of its exposure, s.
     pub age_s: f64,
@@ -104,13 +103,13 @@ pub struct CameraView {
 pub struct OrderView {
     /// Text of the button; None if the page may not give the order.
     pub label: Option<&'static str>,
-    /// Names of further orders, each with a button of its own.
+    /// Names of further orders, each with a separate button.
     pub others: &'static [&'static str],
-    /// Result of the newest order; empty without one.
+    /// Result of the newest order; empty without an order.
     pub answer: String,
 }
 
-/// The object of `alight status --json`, and the parts that only the page has.
+/// The object of `alight status --json`, extended by the parts that only the page has.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Picture {
     /// Time of sending on a steady clock, s, from which a page that shows the picture late computes its age.
@@ -118,19 +117,15 @@ pub struct Picture {
     #[serde(flatten)]
     pub status: Status,
     pub scene: Option<SceneView>,
-    /// None without a running camera.
     pub camera: Option<CameraView>,
     pub motion: MotionView,
     pub track: TrackView,
-    /// Events of this run, the newest first.
     pub log: Vec<LogLine>,
-    /// Ended flights, the newest first.
     pub flights: Vec<FlightLine>,
     /// Newest flight that ended while the server was running.
     pub result: Option<ResultView>,
     pub order: OrderView,
-    /// Text of the end of a simulation or recording, after which no data come.
+    /// Text at the end of a simulation or recording, after which no data arrive.
     pub over: Option<&'static str>,
-    /// Time until a simulated landing is ordered, s.
     pub begins_in_s: Option<f64>,
 }

@@ -8,12 +8,12 @@ use alight_shared::time::{DroneClock, Span, Time};
 use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
 
 const PATH_STEP: usize = 2;
-/// Age at which a plan is no longer drawn, s: the vessel has left it behind.
+/// Age at which a plan is no longer drawn, s: the vessel has moved away from it.
 const FORGOTTEN_S: f64 = 5.0;
 /// Time for which a past planned contact is shown, s.
 const PAST_S: f64 = 1.0;
 
-/// Scene at `now_ns` of the observer's clock, without the bodies' sizes; None without a forecast of the deck.
+/// Scene at `now_ns` of the observer's clock, without the bodies' dimensions; None without a forecast of the deck.
 pub fn scene(known: &Snapshot, now_ns: i64) -> Option<SceneView> {
     let forecast = known.forecast.as_ref()?;
     let now = forecast.header.at + Span::from_secs(known.forecast.age_s(now_ns));

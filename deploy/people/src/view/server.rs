@@ -1,6 +1,6 @@
 //! Server for viewers: the page, its pictures as server-sent events, and Foxglove's protocol, on a separate
-//! runtime with one thread. It waits for no viewer: the newest picture replaces the previous one, and a
-//! viewer is sent a picture only after it has read the last.
+//! single-threaded runtime. It never waits for a viewer: the newest picture replaces the previous one, and a viewer
+//! is sent a picture only after it has read the last.
 
 use std::convert::Infallible;
 use std::net::{IpAddr, SocketAddr};
@@ -26,7 +26,7 @@ use tokio::sync::{oneshot, watch};
 use crate::view::guard::{Guard, ViewerPeer};
 use crate::view::picture::Picture;
 
-/// Messages queued for a viewer with Foxglove; beyond that the oldest are dropped.
+/// Maximum number of messages queued for a Foxglove viewer; beyond that the oldest are dropped.
 const BACKLOG: usize = 512;
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(5);
 /// Pause before checking again a viewer that has not read the last picture.
@@ -40,15 +40,14 @@ pub struct Served {
     pub may_order: bool,
 }
 
-/// Order that the page gives; the answer is a text with the result.
+/// Order from the page, answered with a text of its result.
 pub struct PageOrder {
     /// Name of the order; empty for that of the large button.
     pub name: String,
-    /// Channel for the answer.
     pub reply: oneshot::Sender<Result<String, String>>,
 }
 
-/// Server; it ends when this is dropped.
+/// Server that ends when this is dropped.
 pub struct Server {
     pictures: watch::Sender<Bytes>,
     camera: watch::Sender<Bytes>,
@@ -143,7 +142,6 @@ impl Server {
     pub fn show_camera(&self, jpeg: Vec<u8>) {
         self.camera.send_replace(jpeg.into());
     }
-    /// Whether the page has a viewer in a browser.
     pub fn is_watched(&self) -> bool {
         self.viewers.0.load(Ordering::Relaxed) > 0
     }
@@ -278,7 +276,7 @@ async fn complete(ConnectInfo(peer): ConnectInfo<ViewerPeer>, request: Request, 
     next.run(request).await
 }
 
-/// Headers that allow no foreign content, no frame of another page and no caching.
+/// Headers that forbid foreign content, embedding in another page, and caching.
 fn headers(content: &'static str) -> [(HeaderName, &'static str); 4] {
     [
         (CONTENT_TYPE, content),
@@ -317,7 +315,7 @@ async fn state(State(shared): State<Shared>) -> Response {
         .strip_prefix(b"data: ")
         .map_or(Bytes::new(), |json| Bytes::copy_from_slice(json.trim_ascii_end()));
     if json.is_empty() {
-        return (StatusCode::SERVICE_UNAVAILABLE, "nothing is known yet\n").into_response();
+        return (StatusCode::SERVICE_UNAVAILABLE, "no picture is available yet\n").into_response();
     }
     (headers("application/json"), json).into_response()
 }
@@ -330,7 +328,7 @@ async fn camera(State(shared): State<Shared>) -> Response {
     (headers("image/jpeg"), jpeg).into_response()
 }
 
-/// Takes the crew's order, from the server's own page only.
+/// Accepts the crew's order, only from the server's own page.
 async fn order(State(shared): State<Shared>, given: HeaderMap, name: String) -> Response {
     if let Err(why) = of_own_page(&given) {
         return (StatusCode::FORBIDDEN, why).into_response();
@@ -351,14 +349,14 @@ async fn order(State(shared): State<Shared>, given: HeaderMap, name: String) -> 
         Ok(Ok(Ok(text))) => text.into_response(),
         Ok(Ok(Err(text))) => (StatusCode::CONFLICT, text).into_response(),
         Ok(Err(_)) | Err(_) => {
-            let text = "NO ANSWER: whether it was taken is not known; give it by another way";
+            let text = "NO ANSWER: it is not known whether the order was taken; give it another way";
             (StatusCode::GATEWAY_TIMEOUT, text).into_response()
         }
     }
 }
 
-/// Whether a request comes from the page of this server: no other page can give an order, be it by a form, a
-/// script or a host name that leads here.
+/// Whether a request comes from this server's page: no other page can give an order, be it by a form, a script or a
+/// host name that resolves to this computer.
 fn of_own_page(given: &HeaderMap) -> Result<(), &'static str> {
     let one = |name: &HeaderName| {
         let mut all = given.get_all(name).iter();

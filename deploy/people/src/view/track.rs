@@ -20,8 +20,8 @@ pub struct GroundTrack {
 }
 
 impl GroundTrack {
-    /// Adds the positions of drone and deck at `t` when a sample is due. `frame` is the number of their
-    /// frame, of which a change starts a new track.
+    /// Adds the positions of drone and deck at `t` when a sample is due. `frame` identifies their frame; a new one
+    /// starts a new track.
     pub fn add(&mut self, t: Time<TrueTime>, frame: u8, drone: Ground, deck: Ground) {
         if self.newest.is_some_and(|at| t < at) || frame != self.frame {
             *self = GroundTrack {
@@ -33,7 +33,7 @@ impl GroundTrack {
         if !due || drone.is_none() && deck.is_none() {
             return;
         }
-        // The path between positions that are further apart in time is unknown.
+        // The path between positions further apart in time is unknown.
         let gap = self
             .newest
             .is_some_and(|at| t - at > Span::from_secs(2.0 * STEP_S));

@@ -1,4 +1,4 @@
-//! Observer of steps: puts messages of the nodes on the board and shows the board to the viewers.
+//! Observer of steps, which puts messages of the nodes on the board and shows the board to the viewers.
 
 use alight_shared::msg::{ComputerReport, DeckForecast, DroneState};
 use alight_shared::process::ProcessKind;
@@ -38,7 +38,6 @@ struct Live {
     drone: Option<DroneState>,
 }
 
-/// Observer of steps that serves viewers.
 pub struct ViewObserver {
     pub server: Server,
     pub board: Board,
@@ -86,8 +85,8 @@ impl ViewObserver {
             pace: if paced { Pace::Waiting } else { Pace::Free },
         })
     }
-    /// Clears the board except for the ended flights, when another set of processes runs. `offset` is the
-    /// lead of the clock of its steps over that of its reports.
+    /// Clears the board except for the ended flights, when another set of processes runs. `offset` is the clock of
+    /// its steps minus the clock of its reports.
     pub fn reset(&mut self, offset: Span) {
         self.offset = offset;
         self.board.reset(Time::from_nanos(steady_ns()));
@@ -106,14 +105,13 @@ impl ViewObserver {
             ..Picture::default()
         });
     }
-    /// Shows the last picture, with a text of what has ended.
+    /// Shows the last picture, with `over` as the reason for the end.
     pub fn end(&self, over: &'static str) {
         self.server.show(Picture {
             over: Some(over),
             ..self.board.picture(self.newest - self.offset)
         });
     }
-    /// Takes a message that arrived at `t`.
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
         if let Message::Drone(_) = message {
@@ -123,7 +121,7 @@ impl ViewObserver {
             live.message(t, message);
         }
     }
-    /// All messages of `t` have arrived: shows a picture when one is due.
+    /// Shows a picture if one is due; all messages of `t` have arrived.
     pub fn show(&mut self, t: Time<TrueTime>) {
         self.newest = t;
         self.board.sample(t - self.offset);
@@ -163,7 +161,7 @@ impl Live {
             self.forecast = Some(*forecast);
         }
         if let Message::Drone(drone) = *message {
-            // The drone's reported NED is that of the scene, except for the water level.
+            // The drone's reported NED frame is that of the scene, except for the water level.
             let at = drone.position;
             let at = self.scenery.as_ref().map_or(at, |s| s.in_scene(at));
             (self.views.true_drone, self.drone) = (Some(at), Some(*drone));

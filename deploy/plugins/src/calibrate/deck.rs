@@ -25,7 +25,7 @@ use serde_json::{Value, json};
 use crate::calibrate::list;
 
 const POLL_PERIOD: Duration = Duration::from_millis(50);
-/// Camera mount rotation beyond which a warning is given, in the predictor's standard deviations.
+/// Camera mount rotation beyond which a warning is given, in standard deviations of the predictor.
 const MOUNT_SDS: f64 = 2.0;
 
 /// Measurement with the drone on the deck.
@@ -57,8 +57,8 @@ pub struct DeckArgs {
         num_args = 2
     )]
     pub at: Vec<f64>,
-    /// Difference of the two GNSS receivers, horizontally and vertically, m, such as 0.02,0.03 with RTK [default: as
-    /// the predictor is configured]
+    /// Difference between the two GNSS receivers, horizontally and vertically, m, such as 0.02,0.03 with RTK
+    /// [default: as the predictor is configured]
     #[arg(long, value_name = "H,V", value_delimiter = ',', num_args = 2)]
     pub receivers: Vec<f64>,
     /// Print as one JSON object
@@ -132,7 +132,7 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
             break;
         }
         let states = drones.all(t);
-        // Without a report of the autopilot the motors may be on.
+        // Without a report of the autopilot the motors may be running.
         if armed != Some(false) {
             calibration.armed();
         }

@@ -1,5 +1,5 @@
-//! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot
-//! identified it in a flight.
+//! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot identified it in
+//! a flight.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -20,7 +20,7 @@ use clap::Args;
 use serde_json::json;
 
 const LISTEN_TIME: Duration = Duration::from_secs(1);
-/// Maximum number of recorded flights, newest first, to search for a response; reading one takes some
+/// Maximum number of recorded flights, newest first, that are searched for a response; reading one takes some
 /// seconds.
 const MAX_FLIGHTS: usize = 5;
 

@@ -1,5 +1,5 @@
-//! `alight calibrate`: measures configuration values of this vessel and drone, and prints them as lines for
-//! the file. It changes nothing.
+//! `alight calibrate`: measures configuration values of this vessel and drone, and prints them as lines for the file.
+//! It changes nothing.
 
 mod deck;
 mod drone;

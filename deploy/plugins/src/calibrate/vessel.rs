@@ -22,8 +22,7 @@ use serde_json::{Value, json};
 
 use crate::calibrate::list;
 
-/// Maximum standard deviation of a usable antenna position, m. Chosen: better than a tape measure achieves on
-/// a boat.
+/// Maximum standard deviation of a usable antenna position, m. Chosen: better than a tape measure achieves on a boat.
 const USABLE_M: f64 = 0.1;
 const MAX_TABLE_BYTES: u64 = 256 << 20;
 
@@ -102,7 +101,7 @@ pub fn run(args: &VesselArgs) -> Result<Exit, CliError> {
     Ok(Exit::of(some))
 }
 
-/// Configuration and the calibration to compare it with.
+/// Configuration, and the calibration with which it is compared.
 type Configured = (VesselNodeConfig, VesselCalibration);
 
 fn read(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, CliError> {
@@ -133,7 +132,7 @@ fn recorded(path: &Path, named: Option<VesselNodeConfig>) -> Result<Configured, 
     Ok((config, found))
 }
 
-/// Table of poses. Columns decay separately by degree of freedom, and may have values in different rows.
+/// Table of poses. Decays are identified separately by column, and columns may have values in different rows.
 fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> {
     let doing = format_args!("reading {} (check the path and its permissions)", path.display());
     let size = std::fs::metadata(path).doing(doing)?.len();
@@ -174,7 +173,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
                 )));
             }
             let y = value * unit;
-            // The heading does not jump where it passes north.
+            // The heading is unwrapped where it passes north.
             let y = match signal.y.last() {
                 Some(before) if *dof == YAW => before + alight_shared::frames::wrap_angle(y - before),
                 Some(_) | None => y,
@@ -189,7 +188,7 @@ fn table(path: &Path, config: VesselNodeConfig) -> Result<Configured, CliError> 
         terminal::note(
             true,
             format_args!(
-                "{}: no part of a pose, and left out: {}",
+                "{}: ignored because they are not part of a pose: {}",
                 path.display(),
                 left_out.join(", ")
             ),
@@ -220,7 +219,7 @@ fn why(unknown: &NotObservable) -> String {
              her come to rest, on calm water"
         ),
         NotObservable::NoDecay { explained } => format!(
-            "a free decay explains {:.0} % of the best push: she was held, driven by waves, or it was another motion",
+            "a free decay explains {:.0} % of the best push: the vessel was held or driven by waves, or moved in another way",
             100.0 * explained
         ),
         NotObservable::Vague => "the impulses are too weak or too short to identify anything".into(),

@@ -1,5 +1,5 @@
-//! Encoding of messages in XCDR1, little endian, after the four-byte header that states it (DDSI-RTPS 2.3,
-//! section 10.2), as ROS 2's middlewares write them.
+//! Encoding of messages in XCDR1, little endian, after the four-byte encapsulation header (DDSI-RTPS 2.3, section
+//! 10.2), as ROS 2's middlewares write them.
 
 use byteorder::LittleEndian;
 use serde::Serialize;
@@ -7,7 +7,7 @@ use serde::Serialize;
 /// Plain CDR, little endian, no options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// None if a field's type has no form in CDR.
+/// None if a field's type cannot be represented in CDR.
 pub fn encode(message: &impl Serialize) -> Option<Vec<u8>> {
     let mut bytes = HEADER.to_vec();
     cdr_encoding::to_writer::<_, LittleEndian, _>(&mut bytes, message).ok()?;
@@ -23,7 +23,8 @@ mod tests {
         TransformStamped, TriggerResponse, Twist, TwistWithCovariance, Vector3, level,
     };
 
-    // Bytes of pyzeros 0.1.0 with ros2_pyterfaces 0.3.0 (`.serialize()` of the same values); `0*16` is 16 zero bytes.
+    // Bytes from pyzeros 0.1.0 with ros2_pyterfaces 0.3.0 (`.serialize()` of the same values); `0*16` is 16 zero
+    // bytes.
     const TF: &str = "000100000200000000f1536515cd5b07040000006d617000050000006465636b 0*10 f83f 0*32 \
         333333333333e33f9a9999999999e93f00f1536515cd5b07040000006d617000050000006465636b 0*14 f83f 0*32 \
         333333333333e33f9a9999999999e93f";

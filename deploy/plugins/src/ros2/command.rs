@@ -50,16 +50,16 @@ pub struct Ros2Args {
     /// ROS_DOMAIN_ID
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_DOMAIN)))]
     domain: u32,
-    /// Distribution of ROS; humble: keys without hashes of types
+    /// Distribution of ROS; humble: keys without type hashes
     #[arg(long, value_enum, value_name = "NAME", default_value_t)]
     distro: Distro,
-    /// Namespace of the node, whose name is drone_N or vessel_N
+    /// Namespace of the node, which is named drone_N or vessel_N
     #[arg(long, value_name = "NAME", default_value = "alight")]
     namespace: String,
-    /// Prefix of the frames' names, such as drone_1/
+    /// Prefix of the frame names, such as drone_1/
     #[arg(long, value_name = "PREFIX", default_value = "")]
     frame_prefix: String,
-    /// Offer the services land and abort to everyone who reaches the router
+    /// Offer the services land and abort to every client that reaches the router
     #[arg(long)]
     orders: bool,
 }
@@ -68,10 +68,9 @@ const ABSENT: &str = "not ordered: no process reports on this computer (systemct
 const UNKNOWN: &str = "not ordered: the configuration of these processes is not found; name it with --config";
 const ENDS: &str = "not ordered: alight ros2 ends";
 const PERIOD: Duration = Duration::from_millis(50);
-/// Period at which an unreadable configuration is read again, ns.
 const READ_AGAIN_NS: i64 = 1_000_000_000;
 const DIAGNOSTICS_NS: i64 = 1_000_000_000;
-/// Period of the fixed frames and the deck's shape, after which a late joiner has received them.
+/// Period of the fixed frames and the deck's shape, which bounds a late joiner's wait for them.
 const FIXED_NS: i64 = DIAGNOSTICS_NS;
 /// History depth of a topic of poses, as with ROS's own publishers, and of `/tf`.
 const DEPTH: u32 = 10;
@@ -140,9 +139,8 @@ fn name(computer: &Computer) -> String {
 struct Ports {
     observer: Observer,
     commands: Publisher<Command>,
-    /// The configuration belongs to these processes.
     is_configured: bool,
-    /// The configuration was found, so orders carry the right drone number.
+    /// Whether the configuration was found, so that orders carry the right drone number.
     is_known: bool,
     /// Dropped last, because the ports above are in this memory.
     _memory: Memory,
@@ -167,7 +165,7 @@ struct ComputerObserver {
     configured: ComputerReport,
     joined: Rejoined<Ports>,
     runs: bool,
-    /// Reason why the configuration cannot be read, and time at which it is read again, ns.
+    /// Reason why the configuration cannot be read, and the time at which it is read again, ns.
     unread: Option<(String, i64)>,
 }
 
@@ -197,7 +195,7 @@ impl ComputerObserver {
             .as_ref()
             .is_some_and(|(_, at_ns)| steady_ns() < *at_ns);
         if !ports.is_configured && !waits {
-            // Each landing writes its own configuration before its processes begin; it names their clock.
+            // Each landing writes a separate configuration before its processes begin, which names their clock.
             match self.subject.computer() {
                 Ok(newest) => {
                     let (was, is) = (name(&self.computer), name(&newest));
@@ -238,10 +236,8 @@ struct Drone {
     deck_pose: RosTopic<PoseWithCovarianceStamped>,
     transforms: RosTopic<TfMessage>,
     frame_prefix: String,
-    /// Fixed frames.
     fixed: RosTopic<TfMessage>,
     marker: RosTopic<Marker>,
-    /// Time at which they were published, ns.
     fixed_ns: i64,
 }
 
@@ -277,7 +273,8 @@ impl Drone {
                 request.reply(false, &why);
                 continue;
             }
-            // Without the configuration a landing might go to the wrong drone and is rejected; an abort is tried.
+            // Without the configuration a landing might be ordered from the wrong drone, so it is rejected; an abort
+            // is tried.
             if !ports.is_known && request.kind != CommandKind::Abort {
                 request.reply(false, UNKNOWN);
                 continue;
@@ -288,7 +285,7 @@ impl Drone {
         let mission = snapshot.mission.fresh(steady_ns());
         let due = self.orders.poll(computer.bridge.drone_id, mission, steady_ns());
         ports.commands.send_any(due.as_ref());
-        // Offset of the drone's clock from the system's, which may be set at any time.
+        // Offset of the drone's clock from the system clock, which may be set at any time.
         let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();
         let stamp = |at: Time<DroneClock>| at.nanos().saturating_add(ahead_ns);
         let new = self.poses.newer(snapshot, stamp);
@@ -302,7 +299,7 @@ impl Drone {
         if let Some(transforms) = new.transforms() {
             session.publish(&self.transforms, &transforms);
         }
-        // Without the configuration the shapes are not those of this drone and deck.
+        // Without the configuration the shapes would not be those of this drone and deck.
         if ports.is_known && steady_ns().saturating_sub(self.fixed_ns) >= FIXED_NS {
             self.fixed_ns = steady_ns();
             let (prefix, body) = (&self.frame_prefix, &computer.drone);

@@ -1,7 +1,7 @@
 //! Findings of `alight status` as ROS diagnostics: one status per topic of findings, and a summary.
 //!
-//! A viewer of diagnostics keeps the last status of each name. A topic without findings is therefore reported
-//! as OK, and every topic is STALE while nothing runs, the mission is silent or a process has ended.
+//! A viewer of diagnostics keeps the last status of each name. A topic without findings is therefore reported as OK,
+//! and every topic is STALE while no process runs, the mission is silent or a process has ended.
 
 use std::collections::BTreeSet;
 
@@ -83,9 +83,9 @@ impl Diagnostics {
             ..self.status("summary", level, status.headline.clone(), status)
         }
     }
-    /// Status of a topic: the worst finding in the message, the remedies as values.
+    /// Status of a topic: the message is the worst finding, the values are the remedies.
     fn topic(&self, status: &Status, topic: &str) -> DiagnosticStatus {
-        // A silent computer has no findings and is not fine.
+        // A silent computer has no findings, but this does not mean that it is fine.
         let ended = |f: &Finding| f.topic == "processes" && f.level == FindingLevel::Broken;
         let old = status.state.as_ref().is_some_and(|s| s.stale);
         let is_silent = topic != "processes" && (old || status.findings.iter().any(ended));

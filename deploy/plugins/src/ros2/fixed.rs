@@ -1,5 +1,5 @@
-//! Parts that do not move in their frames, repeated for late joiners: the camera on the drone, the vessel under her deck,
-//! and the deck's shape.
+//! Parts that do not move in their frames, repeated for late joiners: the camera on the drone, the vessel below its
+//! deck, and the deck's shape.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
@@ -8,7 +8,7 @@ use crate::ros2::messages::{
     Marker, MarkerContent, RosHeader, RosPose, RosTime, TfMessage, TransformStamped, Vector3,
 };
 
-/// Thickness of the drawn deck, m: its upper surface is the deck's.
+/// Thickness of the drawn deck, m, below the deck's upper surface.
 const THICKNESS_M: f64 = 0.05;
 const ORANGE: [f32; 4] = [0.95, 0.55, 0.1, 0.9];
 /// Time after which a viewer removes a deck that is no longer repeated, s.
@@ -18,7 +18,7 @@ fn header(stamp: RosTime, frame_id: String) -> RosHeader {
     RosHeader { stamp, frame_id }
 }
 
-/// The camera's optical frame in `base_link`, and the vessel's frame (forward, left, up, on the waterline) in `deck`.
+/// The camera's optical frame in `base_link`, and the vessel's frame (forward, left, up, at the waterline) in `deck`.
 pub fn transforms(prefix: &str, stamp: RosTime, drone: &DroneGeometry, deck: &DeckGeometry) -> TfMessage {
     let camera = ("base_link", "camera_optical", drone.camera_m.into(), of_camera());
     let vessel = ("deck", "vessel", -deck.centre(), still());
@@ -33,7 +33,7 @@ pub fn transforms(prefix: &str, stamp: RosTime, drone: &DroneGeometry, deck: &De
     }
 }
 
-/// The deck as a box. Without a time it is drawn in the newest place of its frame.
+/// The deck as a box. A time stamp of zero draws it at the newest pose of its frame.
 pub fn marker(prefix: &str, deck: &DeckGeometry) -> Marker {
     let vector = |x, y, z| Vector3 { x, y, z };
     Marker {

@@ -1,5 +1,5 @@
-//! Conversion from Alight's frames, NED and FRD, to ROS frames (REP 103): worlds are east, north, up (ENU),
-//! bodies forward, left, up (FLU).
+//! Conversion from Alight's frames, NED and FRD, to ROS frames (REP 103): world frames are east, north, up (ENU),
+//! body frames forward, left, up (FLU).
 
 use alight_shared::frames::body_rates;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
@@ -25,7 +25,6 @@ pub fn enu([north, east, down]: [f64; 3]) -> RosVector {
     }
 }
 
-/// FRD to FLU.
 pub fn flu(v: &Vector3<f64>) -> RosVector {
     RosVector {
         x: v.x,
@@ -43,7 +42,7 @@ fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     }
 }
 
-/// Rotation from FLU to ENU, for a rotation from FRD to NED.
+/// Rotation from FLU to ENU that corresponds to a rotation from FRD to NED.
 pub fn attitude(ned_from_frd: &UnitQuaternion<f64>) -> Quaternion {
     quaternion(&(enu_from_ned() * ned_from_frd * frd_from_flu()))
 }
@@ -64,9 +63,9 @@ pub fn of_euler([roll, pitch, yaw]: [f64; 3]) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
 }
 
-/// Covariance of a pose in ENU from the standard deviations of position in NED (m) and of roll, pitch, yaw
-/// (rad). ROS defines it for rotations about fixed axes by roll, pitch and yaw; only pitch and yaw change
-/// their signs.
+/// Covariance of a pose in ENU from the standard deviations of position in NED (m) and of roll, pitch, yaw (rad). ROS
+/// defines the covariance for rotations about fixed axes by roll, pitch and yaw; only pitch and yaw change their
+/// signs.
 pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Covariance {
     let mut all = Covariance::default();
     let [roll, pitch, yaw] = euler_sd;
@@ -80,16 +79,16 @@ pub fn pose_covariance([north, east, down]: [f64; 3], euler_sd: [f64; 3]) -> Cov
 }
 
 pub struct BodyVelocity {
-    /// In NED, m/s, with standard deviations.
+    /// Velocity in NED, m/s, and standard deviations.
     pub velocity: [[f64; 3]; 2],
-    /// In FRD, rad/s.
+    /// Angular rates in FRD, rad/s.
     pub rates: Vector3<f64>,
     /// (rad/s)².
     pub rates_covariance: Matrix3<f64>,
 }
 
 impl BodyVelocity {
-    /// Rotation rates of a body from its Euler-angle rates (rad/s) and their standard deviations.
+    /// Angular rates of a body from its Euler-angle rates (rad/s) and their standard deviations.
     pub fn of_euler_rates(velocity: [[f64; 3]; 2], euler: [f64; 3], rates: [[f64; 3]; 2]) -> BodyVelocity {
         let [roll, pitch, _] = euler;
         let [rates, sd] = rates.map(Vector3::from);
@@ -146,11 +145,11 @@ mod tests {
     #[test]
     fn enu_and_flu_axes() {
         let north = attitude(&of_euler([0.0; 3]));
-        // A bow to the north points along y, its port side to the west, its mast up.
+        // A bow to the north points along y, the port side to the west, the mast up.
         assert!(is_near(turned(&north, Vector3::x()), [0.0, 1.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::y()), [-1.0, 0.0, 0.0]));
         assert!(is_near(turned(&north, Vector3::z()), [0.0, 0.0, 1.0]));
-        // An image's right is the drone's right, its lower edge aft.
+        // The right of an image is the drone's right, the lower edge aft.
         assert!(is_near(turned(&of_camera(), Vector3::x()), [0.0, -1.0, 0.0]));
         assert!(is_near(turned(&of_camera(), Vector3::y()), [-1.0, 0.0, 0.0]));
         // A heading of east is the identity in ROS.
@@ -185,7 +184,7 @@ mod tests {
 
     #[test]
     fn twist_in_the_body() {
-        // To the east at 3 m/s, downwards at 1 m/s, heading east, turning to starboard.
+        // Moves east at 3 m/s and down at 1 m/s, heading east, turning to starboard.
         let q = of_euler([0.0, 0.0, FRAC_PI_2]);
         let motion = BodyVelocity {
             velocity: [[0.0, 3.0, 1.0], [0.5, 0.2, 0.3]],

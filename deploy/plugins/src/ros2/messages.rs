@@ -1,10 +1,10 @@
 //! ROS 2 messages that are published and served, with the fields of their `.msg` and `.srv` files.
 //!
-//! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source:
-//! `share/*/*.json` of the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and
-//! ros-std-srvs 5.5.1 (Kilted). The hash of `TFMessage`, which has no package, was computed by REP 2016 from
-//! the same files; ros2_pyterfaces 0.3.0, on which pyzeros 0.1.0 is built, computes the same. That of `Marker` is
-//! rosbags 0.11.9's for Humble, Jazzy and Kilted, which computes the others, too.
+//! Hashes are those of REP 2016 (`RIHS01`) for the definitions that Jazzy and Kilted share. Source: `share/*/*.json`
+//! of the PyPI packages ros-nav-msgs, ros-geometry-msgs, ros-diagnostic-msgs and ros-std-srvs 5.5.1 (Kilted). The
+//! hash of `TFMessage`, which has no package, was computed by REP 2016 from the same files; ros2_pyterfaces 0.3.0, on
+//! which pyzeros 0.1.0 is built, computes the same hash. The hash of `Marker` is that of rosbags 0.11.9 for Humble,
+//! Jazzy and Kilted, which also reproduces the others.
 
 use serde::Serialize;
 
@@ -128,7 +128,7 @@ pub struct RosOdometry {
     pub twist: TwistWithCovariance,
 }
 
-/// `geometry_msgs/msg/TransformStamped`, its transform written out.
+/// `geometry_msgs/msg/TransformStamped` with the fields of its transform.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformStamped {
     pub header: RosHeader,
@@ -153,7 +153,7 @@ pub struct Marker {
     pub id: i32,
     /// 1: a cube.
     pub kind: i32,
-    /// 0: add or change.
+    /// 0: add or change the marker.
     pub action: i32,
     /// Centre of the shape in the header's frame.
     pub pose: RosPose,
@@ -161,14 +161,13 @@ pub struct Marker {
     pub scale: Vector3,
     /// Red, green, blue, opacity, 0 to 1.
     pub color: [f32; 4],
-    /// Seconds, and fraction in ns, after which a viewer removes it.
+    /// Seconds, and fraction in ns, after which a viewer removes the marker.
     pub lifetime: (i32, u32),
-    /// The shape moves with its frame between messages.
     pub frame_locked: bool,
     pub unused: MarkerContent,
 }
 
-/// Points, texture, text and mesh of a marker.
+/// Points, texture, text and mesh of a marker, which are empty.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct MarkerContent {
     points: Vec<Vector3>,

@@ -1,8 +1,8 @@
-//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens of
-//! nodes and their entities in ROS's graph, and the attachment of each message.
+//! Names on the wire, as rmw_zenoh makes them: key expressions of topics and services, liveliness tokens of nodes and
+//! their entities in ROS's graph, and the attachment of each message.
 //!
-//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros
-//! 0.1.0. For Humble: ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
+//! Sources: ros2/rmw_zenoh, its design document and `rmw_zenoh_cpp/src/detail/liveliness_utils.cpp`; pyzeros 0.1.0.
+//! For Humble: ros2/rmw_zenoh pull requests 388 and 572, PX4/PX4-Autopilot pull request 26619.
 
 use alight_computer::exit::CliError;
 use clap::ValueEnum;
@@ -13,7 +13,6 @@ use crate::ros2::messages::RosType;
 pub const MAX_DOMAIN: u32 = 232;
 const MAX_NAMESPACE: usize = 64;
 
-/// Entity other than a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Entity {
     Publisher,
@@ -29,8 +28,8 @@ impl Entity {
     }
 }
 
-/// Distribution of ROS 2. Before Iron, types have no hashes; publishers and receivers with different key
-/// forms do not exchange messages.
+/// Distribution of ROS 2. Before Iron, types have no hashes; publishers and receivers with different key forms do not
+/// exchange messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Distro {
     /// Keys without hashes (rmw_zenoh 0.1).
@@ -52,7 +51,7 @@ impl Distro {
             Distro::Jazzy | Distro::Kilted => kind.hash,
         }
     }
-    /// Whether the token belongs to a session with which a node of this distribution exchanges no messages.
+    /// Whether the token belongs to a session that exchanges no messages with a node of this distribution.
     pub fn is_apart(self, token: &str) -> bool {
         let mut parts = token.split('/');
         match self {
@@ -79,7 +78,7 @@ pub struct Endpoint {
     pub name: String,
     pub kind: RosType,
     pub entity: Entity,
-    /// Messages that a receiver is to keep (quality of service: reliable, volatile, keep last).
+    /// Number of messages that a receiver is to keep (quality of service: reliable, volatile, keep last).
     pub depth: u32,
 }
 
@@ -141,10 +140,10 @@ impl RosNode {
         format!("{}/{name}/{}/{hash}", self.domain, at.kind.name)
     }
     pub fn token(&self, zid: &str) -> String {
-        // The node is the entity 0.
+        // The node is entity 0.
         format!("{}/0/NN/{}", self.of_session(zid), self.place())
     }
-    /// Token of the node's topic or service, which is its entity `number`.
+    /// Liveliness token of a topic or service, which is the entity with this `number` in the node.
     pub fn token_of(&self, zid: &str, number: usize, at: &Endpoint) -> String {
         let depth = at.depth;
         format!(
@@ -178,13 +177,13 @@ pub fn gid(token: &str) -> [u8; 16] {
     xxh3_128(token.as_bytes()).to_le_bytes()
 }
 
-/// Length of the gid, which precedes it in an attachment.
+/// Length of the gid; in an attachment it precedes the gid.
 const GID_LENGTH: u8 = 16;
 /// Sequence number, time, length, gid.
 const ATTACHMENT_BYTES: usize = 8 + 8 + 1 + 16;
 const TIME: core::ops::Range<usize> = 8..16;
 
-/// Attachment of a message: its number, the time of sending (ns since 1970), the sender.
+/// Attachment of a message: sequence number, time of sending (ns since 1970), sender.
 pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     let mut all = Vec::with_capacity(ATTACHMENT_BYTES);
     all.extend(number.to_le_bytes());
@@ -194,15 +193,15 @@ pub fn attachment(number: i64, sent_ns: i64, gid: [u8; 16]) -> Vec<u8> {
     all
 }
 
-/// Sending time of a message with this attachment, ns since 1970 by its sender's clock; None if the
-/// attachment is invalid.
+/// Sending time of a message with this attachment, ns since 1970 by its sender's clock; None if the attachment is
+/// invalid.
 pub fn sent_ns(attachment: &[u8]) -> Option<i64> {
     let bytes = attachment.get(TIME)?.try_into().ok()?;
     Some(i64::from_le_bytes(bytes))
 }
 
-/// Attachment of the response to a request: the same number and gid, by which the client recognises it, and
-/// the time. None if the request's attachment is invalid; newer versions of rmw_zenoh omit the gid's length.
+/// Attachment of the response to a request: the same number and gid, by which the client recognises it, and the time.
+/// None if the request's attachment is invalid; newer versions of rmw_zenoh omit the gid's length.
 pub fn response_attachment(request: &[u8], sent_ns: i64) -> Option<Vec<u8>> {
     let fits = (ATTACHMENT_BYTES - 1..=ATTACHMENT_BYTES).contains(&request.len());
     let mut all = fits.then(|| request.to_vec())?;
@@ -215,7 +214,7 @@ mod tests {
     use super::*;
     use crate::ros2::messages::{RosMessage, RosOdometry, TRIGGER, TfMessage};
 
-    // By pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
+    // From pyzeros 0.1.0: `token_keyexpr`, `publisher_keyexpr` and `rmw_zenoh_gid` for these names.
     const ZID: &str = "aabbccddeeff00112233445566778899";
     const SESSION: &str = "@ros2_lv/0/aabbccddeeff00112233445566778899/0/";
     const GID: &str = "5911a5503778ca320ecf58280fb03ec7";
@@ -317,7 +316,7 @@ mod tests {
 
     #[test]
     fn ros_attachments() {
-        // By pyzeros 0.1.0: `Attachment(...).serialize()[4:]`.
+        // From pyzeros 0.1.0: `Attachment(...).serialize()[4:]`.
         let gid: [u8; 16] = core::array::from_fn(|k| k as u8);
         let all = attachment(7, 1_700_000_000_123_456_789, gid);
         let hex: String = all.iter().map(|b| format!("{b:02x}")).collect();

@@ -1,5 +1,5 @@
-//! Orders of ROS services for this computer's mission, sent like those of `alight command` and answered by
-//! the mission's state.
+//! Orders of ROS services for this computer's mission, sent like those of `alight command` and answered by the
+//! mission's state.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::process::local_command::{answer, give};
@@ -15,8 +15,8 @@ pub trait Caller {
 /// Maximum lead of a request's stamp over this computer's clock.
 const AHEAD: Span = Span::from_millis(1000);
 
-/// Reason to reject a request sent at `sent_ns` by its client's clock: at `now_ns` it is too old, because its
-/// client may have ended while the network delayed it. An abort is accepted at any age.
+/// Reason to reject a request sent at `sent_ns` by its client's clock: at `now_ns` it is too old, because its client
+/// may have ended while the network delayed the request. An abort is accepted at any age.
 pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
     let (age, limit) = (
         Span::from_nanos(now_ns.saturating_sub(sent_ns)),
@@ -45,7 +45,6 @@ impl<C> UnderWay<C> {
     }
 }
 
-/// Forwards orders, one at a time.
 pub struct Orders<C> {
     under_way: Option<UnderWay<C>>,
 }
@@ -68,8 +67,8 @@ const fn name(kind: CommandKind) -> &'static str {
 }
 
 impl<C: Caller> Orders<C> {
-    /// Takes an order at `now_ns` of the steady clock. A repeated order waits for the answer to the order
-    /// under way. An abort replaces any other order, and nothing replaces an abort.
+    /// Handles an order at `now_ns` of the steady clock. A repeated order waits for the reply to the order in
+    /// progress. An abort replaces any other order, and nothing replaces an abort.
     pub fn take(&mut self, kind: CommandKind, caller: C, computer: &DroneComputerConfig, now_ns: i64) {
         match &mut self.under_way {
             Some(same) if same.kind() == kind && same.callers.len() < MAX_CALLERS => {
@@ -90,8 +89,8 @@ impl<C: Caller> Orders<C> {
             }
         }
     }
-    /// Answers the clients when the mission's newest state shows that it accepted the order, or after the
-    /// time limit. Returns the command to send to the mission.
+    /// Answers the clients when the mission's newest state shows that it accepted the order, or after the time limit.
+    /// Returns the command to send to the mission.
     pub fn poll(&mut self, drone: u32, mission: Option<&MissionState>, now_ns: i64) -> Option<Command> {
         let under_way = self.under_way.as_mut()?;
         let now = Time::from_nanos(now_ns);
@@ -215,7 +214,7 @@ mod tests {
         let text = late(CommandKind::Land, 7.2).unwrap();
         assert!(text.starts_with("not ordered: 7.2 s old"), "{text}");
         assert!(late(CommandKind::Land, -1.1).is_some());
-        // Even the earliest possible stamp is judged without an overflow.
+        // The earliest possible stamp does not overflow.
         assert!(is_late(CommandKind::Land, i64::MIN, NOW).is_some());
         assert_eq!(late(CommandKind::Abort, 600.0), None);
     }

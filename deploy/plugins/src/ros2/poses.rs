@@ -1,7 +1,7 @@
 //! Poses of drone and deck as odometry, pose and transforms, published when newer data arrive.
 //!
-//! `map` is east, north, up from the origin of the drone's autopilot. It stays continuous when the autopilot's estimate
-//! jumps ([`DroneState::datum_offset`]), so it differs from the map frame of other sensors.
+//! `map` is east, north, up from the origin of the drone's autopilot. It stays continuous when the autopilot's
+//! estimate jumps ([`DroneState::datum_offset`]), so it differs from the map frame of other sensors.
 
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
@@ -62,7 +62,7 @@ impl Poses {
             deck_at: None,
         }
     }
-    /// Poses by the received messages; `stamp` converts a time of the drone's clock to nanoseconds since 1970.
+    /// Poses from the received messages; `stamp` converts a time of the drone's clock to nanoseconds since 1970.
     pub fn newer(&mut self, snapshot: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
         let drone = snapshot.drone.filter(|d| Some(d.header.at) != self.drone_at);
         let forecast = snapshot.forecast.filter(|f| Some(f.header.at) != self.deck_at);

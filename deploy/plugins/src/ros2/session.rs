@@ -1,5 +1,5 @@
-//! Zenoh session of the node: opened with retries, publishing without waiting, with service requests in a
-//! bounded queue.
+//! Zenoh session of the node: opened with retries, publishing without waiting, with service requests in a bounded
+//! queue.
 
 use std::marker::PhantomData;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ const RETRY_NS: i64 = 1_000_000_000;
 const LOOK_NS: i64 = 1_000_000_000;
 /// Maximum number of waiting requests; further requests are rejected.
 const INBOX: usize = 16;
-/// Maximum length of a request, bytes; one of `Trigger` has five.
+/// Maximum length of a request, bytes; a request of `Trigger` has five.
 const MAX_REQUEST: usize = 64;
 const MAX_MESSAGE_BYTES: u32 = 65_536;
 const OPEN_MS: u32 = 3000;
@@ -98,9 +98,8 @@ struct Open {
 }
 
 enum State {
-    /// Time of the next attempt, ns.
     Closed(i64),
-    /// Opened by a separate thread, for as long as the network takes.
+    /// Opened by a separate thread, which may take as long as the network does.
     Opening(Receiver<Result<Open, String>>),
     Open(Open),
 }
@@ -112,7 +111,7 @@ struct Parts {
     topics: Vec<Endpoint>,
     services: Vec<(Endpoint, CommandKind)>,
     inbox: SyncSender<Request>,
-    /// A session of a distribution with other keys is in the domain.
+    /// Whether a session of a distribution with other keys is in the domain.
     is_apart: Arc<AtomicBool>,
 }
 
@@ -167,8 +166,8 @@ impl RosSession {
         };
         self.parts.services.push((endpoint, kind));
     }
-    /// Continues opening the session and checks for peers. Returns a text when the connection has changed,
-    /// and once when a session of a distribution with other keys is found.
+    /// Continues to open the session and checks for peers. Returns a text when the connection has changed, and once
+    /// when a session of a distribution with other keys is found.
     pub fn poll(&mut self, now_ns: i64) -> Option<String> {
         match &self.state {
             State::Closed(at_ns) if now_ns >= *at_ns => {
@@ -226,7 +225,7 @@ impl RosSession {
         let Some(bytes) = cdr::encode(message) else { return };
         to.number += 1;
         let put = to.port.put(bytes);
-        // A lost message is not reported: the next one is newer.
+        // A lost message is not reported, because the next one is newer.
         let _sent = put.attachment(attachment(to.number, wall_ns(), to.gid)).wait();
     }
     pub fn request(&self) -> Option<Request> {
@@ -311,8 +310,8 @@ pub struct Request {
 }
 
 impl Request {
-    /// Queues a client's request for the service on `key`. Rejects it with the reason if the queue is full,
-    /// or if the request is invalid or names more services than this one.
+    /// Queues a client's request for the service on `key`. Rejects it with the reason if the queue is full, or if the
+    /// request is invalid or names more services than this one.
     fn receive(query: Query, kind: CommandKind, key: &str, inbox: &SyncSender<Request>) {
         if !names(query.key_expr().as_str(), key) {
             reject(
@@ -343,14 +342,14 @@ impl Request {
         match inbox.try_send(request) {
             Ok(()) => {}
             Err(TrySendError::Full(r) | TrySendError::Disconnected(r)) => {
-                // A ROS client would wait for ever without a response that it accepts.
+                // A ROS client would wait forever without a response that it accepts.
                 r.reply(false, "not ordered: too many requests wait");
             }
         }
     }
 }
 
-/// Whether `asked` names only the service on `key`, ignoring the hash of its type.
+/// Whether `asked` names only the service on `key`, ignoring the type hash.
 fn names(asked: &str, key: &str) -> bool {
     let named = |key: &str| key.rsplit_once('/').map(|(name, _)| name.to_owned());
     named(asked).is_some() && named(asked) == named(key)

@@ -27,7 +27,7 @@ Ctrl-C ends it; no flight waits for it. alight help view.md")]
 pub struct SignalKArgs {
     #[command(flatten)]
     subject: Subject,
-    /// Server, with the file of a token if it asks for one
+    /// Server, with the file of a token if the server asks for one
     #[arg(long, value_name = "URL", default_value = "ws://127.0.0.1:3000")]
     connect: String,
 }
@@ -103,12 +103,12 @@ impl Default for Retry {
 }
 
 impl Retry {
-    /// Records that a delta was sent and the connection is still open; returns whether that is new.
+    /// Records that a delta was sent and the connection is still open; returns whether this is new.
     fn taken(&mut self) -> bool {
         (self.reported, self.pause) = (None, RETRY);
         !core::mem::replace(&mut self.connected, true)
     }
-    /// Records that the connection is missing or lost; returns whether that is new, and the time to wait.
+    /// Records that the connection is missing or lost; returns whether this is new, and the time to wait.
     fn failed(&mut self, why: &str) -> (bool, Duration) {
         let pause = self.pause;
         self.pause = (2 * pause).min(MAX_RETRY);
@@ -119,8 +119,8 @@ impl Retry {
     }
 }
 
-/// Sends new values until the connection ends or the command is stopped. A delta counts as `taken` if the
-/// connection is still open at the next period.
+/// Sends new values until the connection ends or the command is stopped. A delta counts as `taken` if the connection
+/// is still open at the next period.
 async fn publish(
     mut socket: SignalKSocket,
     deltas: &mut Deltas,
@@ -132,7 +132,7 @@ async fn publish(
     let mut is_sent = false;
     while !end_requested() {
         tokio::select! {
-            // Ignores greetings, and answers to other clients' requests of these paths.
+            // Ignores greetings, and replies to other clients' requests for these paths.
             received = socket.receive() => drop(received?),
             _ = due.tick() => {
                 if is_sent {
@@ -190,8 +190,7 @@ mod tests {
         assert_eq!(retry.failed("closed"), (true, RETRY));
     }
 
-    /// The configuration file, since removed, has another number than the running process and its
-    /// certificate.
+    /// The configuration file, since removed, has another number than the running process and its certificate.
     #[test]
     fn restarted_processes_by_their_topics_alone() {
         let name = format!("test-signalk-{}", std::process::id());

@@ -1,8 +1,8 @@
 //! State of a computer as deltas for a Signal K server: values below `alight`, and findings as notifications.
 //!
-//! Each path belongs to one computer, which its `$source` names: `alight.deck`, `alight.helm` and the paths
-//! below `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the
-//! worse of both; the vessel's computer writes it because it receives the drone's status by radio.
+//! Each path belongs to one computer, which its `$source` names: `alight.deck`, `alight.helm` and the paths below
+//! `alight.vessel` to the vessel, those below `alight.drones.N` to drone N. `alight.landing` is the worse of both;
+//! the vessel's computer writes it because it receives the drone's status by radio.
 //!
 //! The vessel's sensors read none of these paths (`alight_usv::sensors`), so a server cannot return one as a
 //! measurement. Messages from a server never count as orders.
@@ -21,13 +21,12 @@ use alight_people::status::finding::{Finding, FindingLevel};
 use alight_people::status::go::Go;
 use alight_people::status::vessel::{LOST_CONTACT_S, own_go};
 
-/// Minimum time between updates of a text whose figures change, ns.
+/// Minimum time between updates of a text whose numbers change, ns.
 const TEXT_NS: i64 = 10_000_000_000;
 const ROOT: &str = "alight";
-/// Decimals of a coordinate in degrees: 1 cm.
+/// Units of a coordinate per degree: a resolution of 1 cm.
 const PLACE: f64 = 1e7;
 
-/// Value of a path on a server, and the time of sending, ns.
 type SentValue = (Value, i64);
 
 #[derive(Debug, Default)]
@@ -35,12 +34,12 @@ pub struct Deltas {
     sent: BTreeMap<String, SentValue>,
     /// Topics that have had a finding other than fine; they are reported as normal afterwards.
     topics: BTreeSet<&'static str>,
-    /// Paths whose unit and description the server has.
+    /// Paths whose unit and description the server already has.
     described: BTreeSet<String>,
 }
 
 impl Deltas {
-    /// Forgets the server's values, after a reconnection.
+    /// Discards the server's known values, after a reconnection.
     pub fn forget(&mut self) {
         self.sent.clear();
         self.described.clear();
@@ -157,7 +156,7 @@ fn values(status: &Status, own: &str) -> BTreeMap<String, Value> {
     let mut all = vec![(format!("{own}.running"), json!(status.running))];
     all.extend(landing(&format!("{own}.landing"), &go));
     if s.known.vessel.is_some() {
-        // A drone does not know of other drones, nor whether the vessel writes this path.
+        // A drone receives neither other drones nor whether the vessel writes this path.
         all.extend(landing("landing", &status.go));
     }
     match vessel {
@@ -438,7 +437,7 @@ mod tests {
         assert_eq!(lost["alight.vessel.drones.3.received"], false);
         let gone = sent(deltas.delta(&status(&[]), 2 * S));
         assert_eq!(gone["alight.vessel.drones.3.battery"], Value::Null);
-        // Null is sent once, and the path is forgotten.
+        // Null is sent once, and the path is then discarded.
         assert!(deltas.sent.keys().all(|p| !p.contains("drones.3")));
         let later = sent(deltas.delta(&status(&[]), 3 * S));
         assert!(later.keys().all(|p| !p.contains("drones.3")), "{later:?}");

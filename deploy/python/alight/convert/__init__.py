@@ -1,7 +1,7 @@
 """Recordings of other programs and devices as Alight's CSV, which `alight estimate` reads.
 
     python -m alight.convert boat.ulg             # writes boat.csv
-    python -m alight.convert boat.csv -o kai.csv  # anybody's table
+    python -m alight.convert boat.csv -o kai.csv  # a table of any program
 
 ULog of PX4 (`.ulg`), DataFlash logs (`.bin`) and telemetry logs (`.tlog`) of ArduPilot and others, bags of ROS 1 and 2, INSPVAA,
 INSPVASA and VNINS sentences in text, and tables of any program. NMEA 0183 and UBX need no conversion. A NetCDF of
@@ -16,7 +16,7 @@ from typing import Optional
 from .._program import AlightError
 from ._frame import Converted
 
-# Beginnings of packed files, and what unpacks them.
+# Magic bytes of compressed files, with the program that unpacks each.
 PACKED = (
     (b"\x1f\x8b", "gunzip"),
     (b"PK\x03\x04", "unzip"),
@@ -24,7 +24,7 @@ PACKED = (
     (b"\xfd7zXZ\0", "unxz"),
     (b"BZh", "bunzip2"),
 )
-# Beginnings of what the program reads by itself: each format has one reader.
+# Magic bytes of formats that the program reads by itself: each format has only one reader.
 OWN = (
     ((b"\xb5\x62",), "UBX"),
     ((b"$GPGGA,", b"$GNGGA,", b"$PASHR,", b"$PSXN,", b"$IIHDT,", b"$GPHDT,", b"$HEHDT,", b"!PDGY,"), "NMEA 0183"),
@@ -35,11 +35,11 @@ __all__ = ["Converted", "convert"]
 
 
 def convert(path, out: Optional[str] = None, *, system: Optional[int] = None) -> Converted:
-    """Converts one recording, writes its CSV, and returns what it holds.
+    """Converts one recording, writes its CSV, and returns its content.
 
-    `path` is a file, or the directory of a bag of ROS 2. `out` is the CSV [default: the recording's name with `.csv`].
-    `system` is the MAVLink system of the vessel in a telemetry log [default: the one with the most attitudes]. What cannot be
-    converted is an AlightError with code 2; a library that is missing is an ImportError that names it.
+    `path` is a file, or the directory of a ROS 2 bag. `out` is the CSV [default: the recording's name with `.csv`].
+    `system` is the MAVLink system of the vessel in a telemetry log [default: the one with the most attitudes]. A recording that
+    cannot be converted raises an AlightError with code 2; a missing library raises an ImportError that names it.
     """
     path = os.fspath(path)
     out = os.fspath(out) if out is not None else _default_out(path)
@@ -68,8 +68,8 @@ def _head(path: str) -> bytes:
 
 
 def _reader(path: str, head: bytes):
-    """The function that reads this recording, by its first bytes."""
-    # Each reader is imported for its own files: none needs the libraries of another.
+    """Returns the function that reads this recording, determined by its first bytes."""
+    # Each reader is imported only for its own files, so that no reader needs another's libraries.
     if os.path.isdir(path) or head.startswith((b"#ROSBAG V", b"SQLite format 3\0", b"\x89MCAP0\r\n")):
         from ._bags import read
     elif head.startswith((b"\x89HDF\r\n\x1a\n", b"CDF")):
@@ -89,7 +89,7 @@ def _reader(path: str, head: bytes):
 
 
 def _refuse(path: str, head: bytes) -> None:
-    """An error about what is no recording of another program."""
+    """Returns an error for a file that is not a recording of another program."""
     if not head:
         raise AlightError(f"{path}: the file is empty", 2)
     for begin, tool in PACKED:
@@ -101,5 +101,5 @@ def _refuse(path: str, head: bytes) -> None:
 
 
 def _is_tlog(head: bytes) -> bool:
-    # Microseconds from 2001 to 2286 before a MAVLink packet.
+    # Microseconds from 2001 to 2286 precede a MAVLink packet.
     return len(head) > 8 and head[8] in (0xFE, 0xFD) and 10**15 <= int.from_bytes(head[:8], "big") < 10**16

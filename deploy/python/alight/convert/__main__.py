@@ -11,7 +11,7 @@ from . import convert
 
 
 def main(words: Optional[List[str]] = None) -> int:
-    """Runs the command; returns its exit code: 0 converted, 2 bad input or a library that is missing."""
+    """Runs the command; returns its exit code: 0 converted, 2 bad input or a missing library."""
     parser = argparse.ArgumentParser(
         prog="python -m alight.convert",
         description="Converts a recording of another program or device to Alight's CSV, which `alight estimate` reads, or a hull "

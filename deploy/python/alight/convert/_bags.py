@@ -12,7 +12,7 @@ from .._lazy import rosbags_highlevel, rosbags_typesys
 from .._program import AlightError
 from ._frame import ACCEL, GYRO, Converted, euler
 
-# Kinds of messages by their types. A topic of each is taken.
+# Kinds of messages by their types. One topic of each kind is used.
 KINDS = {
     "sensor_msgs/msg/Imu": "imu",
     "sensor_msgs/msg/NavSatFix": "fix",
@@ -28,7 +28,7 @@ SIGNS = (1.0, -1.0, -1.0)
 
 
 def read(path: str, _system) -> Converted:
-    """Reads a bag: a file of ROS 1, or the directory of ROS 2 (or a file in it)."""
+    """Reads a bag: a file of ROS 1, or a directory of ROS 2 (or a file in it)."""
     bag = pathlib.Path(path)
     if bag.is_file() and bag.suffix in (".db3", ".mcap"):
         bag = bag.parent
@@ -38,7 +38,7 @@ def read(path: str, _system) -> Converted:
                 "read by `alight estimate`)",
                 2,
             )
-    # Bags of SQLite lack the definitions of their messages.
+    # Bags in SQLite do not contain the definitions of their messages.
     store = rosbags_typesys.get_typestore(rosbags_typesys.Stores.ROS2_HUMBLE)
     converted = Converted("bag of ROS")
     try:
@@ -59,7 +59,7 @@ def read(path: str, _system) -> Converted:
 
 
 def _topics(converted: Converted, connections) -> List:
-    """The connections of the topic with the most messages of each kind; of velocities where they are no wrench or wind."""
+    """Connections of the topic with the most messages of each kind; for velocities, topics of wrench or wind are excluded."""
     by_kind: Dict[str, List] = collections.defaultdict(list)
     for connection in connections:
         kind = KINDS.get(connection.msgtype)
@@ -79,9 +79,9 @@ def _topics(converted: Converted, connections) -> List:
 
 
 def _messages(path: str, reader, connections) -> Dict[str, List[tuple]]:
-    """Messages by kind with their times, s since 1970: of the header, else of the bag."""
+    """Messages by kind with their times, s since 1970: the header's time if it has one, otherwise the bag's."""
     kinds: Dict[str, List[tuple]] = collections.defaultdict(list)
-    # Without a connection a reader gives all.
+    # Without connections a reader returns all messages.
     for k, (connection, stamp_ns, raw) in enumerate(reader.messages(connections=connections) if connections else ()):
         if k >= MAX_MESSAGES:
             raise AlightError(f"{path}: more than {MAX_MESSAGES} messages; cut the bag into parts", 2)
@@ -101,7 +101,7 @@ def _times(rows: List[tuple]):
 
 
 def _frd(rows: List[tuple], names, get) -> dict:
-    """Columns of a vector in FLU, in FRD."""
+    """Converts the columns of a vector from FLU to FRD."""
     return {
         name: sign * _column(rows, lambda message, axis=axis: getattr(get(message), axis))
         for name, sign, axis in zip(names, SIGNS, "xyz")
@@ -112,7 +112,7 @@ def _imu(converted: Converted, kinds) -> None:
     rows = kinds["imu"]
     if not rows:
         return
-    # A covariance that begins with -1 marks what was not measured (sensor_msgs/Imu).
+    # A covariance that begins with -1 marks a quantity that was not measured (sensor_msgs/Imu).
     measured = [row for row in rows if row[1].linear_acceleration_covariance[0] != -1]
     if measured:
         columns = _frd(measured, GYRO, lambda message: message.angular_velocity)
@@ -123,7 +123,7 @@ def _imu(converted: Converted, kinds) -> None:
 
 
 def _orientations(converted: Converted, kinds) -> None:
-    """Attitudes of the first kind that has them."""
+    """Attitudes of the first kind that has any."""
     candidates = (
         ([row for row in kinds["imu"] if row[1].orientation_covariance[0] != -1], lambda message: message.orientation),
         (kinds["orientation"], lambda message: message.quaternion),
@@ -131,7 +131,7 @@ def _orientations(converted: Converted, kinds) -> None:
     )
     for rows, get in candidates:
         parts = [_column(rows, lambda message, axis=axis: getattr(get(message), axis)) for axis in "wxyz"]
-        # A quaternion of zeros was not measured.
+        # A zero quaternion marks an attitude that was not measured.
         known = np.sum(np.square(parts), axis=0) > 0.25
         if known.any():
             roll, pitch, yaw = euler(*(part[known] for part in parts))
@@ -148,7 +148,7 @@ def _fixes(converted: Converted, rows: List[tuple]) -> None:
 
 
 def _vector(message):
-    """The velocity of a message with a twist, or of a vector."""
+    """Velocity of a message with a twist, or of a vector."""
     if hasattr(message, "vector"):
         return message.vector
     twist = message.twist
@@ -164,7 +164,7 @@ def _velocities(converted: Converted, kinds) -> None:
     rows = kinds["odometry"]
     if not rows:
         return
-    # Of an odometry it is along the body's axes.
+    # The velocity of an odometry message is in body axes.
     w, x, y, z = (_column(rows, lambda m, axis=axis: getattr(m.pose.pose.orientation, axis)) for axis in "wxyz")
     body = np.stack([_column(rows, lambda m, axis=axis: getattr(m.twist.twist.linear, axis)) for axis in "xyz"])
     axis = np.stack([x, y, z])

@@ -1,7 +1,7 @@
 """Datasets of Capytaine (https://capytaine.org) as the response table that `--hull` reads.
 
-Both: axes forward, port, up; motion Re(H a exp(-i omega t)); directions towards which waves run. Capytaine's motion is that of the
-rotation centre, the table's that of the mesh's origin in the still-water plane.
+Both have axes forward, port, up; motion Re(H a exp(-i omega t)); directions towards which the waves travel. Capytaine gives the
+motion of the rotation centre, the table that of the mesh's origin in the still-water plane.
 """
 
 from .._lazy import h5netcdf, netcdf4, pandas, xarray
@@ -21,10 +21,10 @@ GRAVITY = 9.81
 
 
 class Response(Converted):
-    """A response table: a row for each frequency and direction."""
+    """Response table with a row for each frequency and direction."""
 
     def summary(self) -> str:
-        """Rows and frequencies of the table."""
+        """Description of the table: number of rows and range of frequencies."""
         omega = self.table["omega_radps"]
         return f"{self.format}, {len(omega)} rows from {omega.min():g} to {omega.max():g} rad/s"
 
@@ -35,7 +35,7 @@ class Response(Converted):
 
 
 def read(path: str, _system) -> Response:
-    """Reads a dataset. Its RAO is taken, or solved from the matrices if it is missing."""
+    """Reads a dataset. Its RAO is used if present, otherwise solved from the matrices."""
     if not h5netcdf.is_there():
         netcdf4.Dataset  # Its error names what to install.
     try:
@@ -79,7 +79,7 @@ def _response(path: str, dataset) -> Response:
 
 
 def _sorted(path: str, dataset):
-    """The dataset at zero speed, with complex values, ascending frequencies and the six dofs in their order."""
+    """Dataset at zero speed, with complex values, ascending frequencies and the six degrees of freedom in order."""
     for name, values in dataset.data_vars.items():
         if "complex" in values.dims:
             dataset[name] = values.sel(complex="re", drop=True) + 1j * values.sel(complex="im", drop=True)
@@ -92,7 +92,7 @@ def _sorted(path: str, dataset):
         if not set(DOFS) <= set(names):
             raise AlightError(f"{path}: {dof} has {', '.join(names)}; needed are {', '.join(DOFS)} (cpt.rigid_body_dofs)", 2)
         dataset = dataset.sel({dof: list(DOFS)})
-    # Added mass may have its limits at 0 and infinity, where no wave is.
+    # The added mass may include its limits at frequency 0 and infinity, for which no waves exist.
     omega = dataset["omega"].values
     dataset = dataset.isel(omega=(omega > 0.0) & np.isfinite(omega)).sortby("omega")
     if dataset.sizes["omega"] < 2 or dataset["omega"][-1] > MAX_OMEGA:

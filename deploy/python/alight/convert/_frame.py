@@ -1,4 +1,4 @@
-"""The CSV that the program reads: its columns, their limits, and how it is written."""
+"""The CSV that the program reads: columns, limits, and output."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .._lazy import numpy as np
 from .._lazy import pandas
 from .._program import AlightError
 
-# Columns in their order, with the largest magnitude that the program takes (usv-side/src/log/table.rs).
+# Columns in order, with the largest magnitude that the program accepts (usv-side/src/log/table.rs).
 LIMITS = {
     "roll_deg": 75.0,
     "pitch_deg": 75.0,
@@ -37,18 +37,18 @@ MAX_ROWS = 2_000_000
 TIME_DECIMALS, DECIMALS = 6, 9
 GYRO = ("gyro_x_radps", "gyro_y_radps", "gyro_z_radps")
 ACCEL = ("accel_x_mps2", "accel_y_mps2", "accel_z_mps2")
-# Times between two attitudes and two headings of an autopilot's filter that are used, s: those in between repeat it.
+# Minimum time between two used attitudes and two used headings of an autopilot's filter, s; values in between repeat them.
 ATTITUDE_STEP_S, HEADING_STEP_S = 0.04, 0.2
 
 
 @dataclasses.dataclass
 class Converted:
-    """What was converted.
+    """Result of a conversion.
 
-    format   of the recording
-    notes    what was assumed and left out, for people
-    table    the CSV as a pandas DataFrame, after it was written
-    out      the CSV's path, after it was written
+    format   format of the recording
+    notes    assumptions and omissions, for users
+    table    the CSV as a pandas DataFrame, once it is written
+    out      path of the CSV, once it is written
     """
 
     format: str
@@ -58,13 +58,13 @@ class Converted:
     _parts: List[Any] = dataclasses.field(default_factory=list, repr=False)
 
     def add(self, t_s, **columns) -> None:
-        """Adds rows: times (s) and values of columns in the units of their names; NaN was not measured."""
+        """Adds rows: times (s) and values of columns in the units of their names; NaN marks values that were not measured."""
         part = pandas.DataFrame({"t_s": np.asarray(t_s, dtype=float), **columns})
         if len(part):
             self._parts.append(part)
 
     def add_attitude(self, t_s, roll, pitch, yaw=None) -> None:
-        """Adds attitudes (rad, FRD to NED) of an autopilot's filter, no faster than they are new."""
+        """Adds attitudes (rad, FRD to NED) of an autopilot's filter, no faster than the filter updates them."""
         t = np.asarray(t_s, dtype=float)
         keep = thinned(t, ATTITUDE_STEP_S)
         self.add(t[keep], roll_deg=np.degrees(roll)[keep], pitch_deg=np.degrees(pitch)[keep])
@@ -73,12 +73,12 @@ class Converted:
             self.add(t[keep], heading_deg=np.degrees(yaw)[keep] % 360.0)
 
     def summary(self) -> str:
-        """Rows, time and columns of the CSV."""
+        """Description of the CSV: number of rows, duration and columns."""
         t = self.table["t_s"]
         return f"{self.format}, {len(t)} rows over {t.max() - t.min():.1f} s of {', '.join(self.table.columns[1:])}"
 
     def write(self, path: str, out: str) -> None:
-        """Joins the parts by time, checks them, writes the CSV."""
+        """Merges the parts by time, checks them, and writes the CSV."""
         if not self._parts:
             said = "".join(f"; {note}" for note in self.notes)
             raise AlightError(f"{path}: {self.format} without anything that is converted{said}", 2)
@@ -87,7 +87,7 @@ class Converted:
         if len(table) > MAX_ROWS:
             raise AlightError(f"{path}: {len(table)} rows, at most {MAX_ROWS} are read; cut the recording into parts", 2)
         table = self._sound(path, table)
-        # Rows of one time stay in their order.
+        # Rows of equal time keep their order.
         table = table.sort_values("t_s", kind="stable", ignore_index=True)
         self.table = table.round({"t_s": TIME_DECIMALS, **{name: DECIMALS for name in LIMITS}})
         self.table.to_csv(out, index=False)
@@ -108,24 +108,24 @@ class Converted:
 
 
 def thinned(t, step_s: float):
-    """Whether each of these times (s, ascending) is `step_s` or more behind the last that was kept."""
+    """Whether each of these times (s, ascending) is at least `step_s` after the last kept one."""
     keep, last = np.zeros(len(t), dtype=bool), -math.inf
     for k, at in enumerate(t):
-        # A step back is another run of the clock.
+        # A step back begins another run of the clock.
         if at - last >= step_s - 1e-6 or at < last:
             keep[k], last = True, at
     return keep
 
 
 def rate_hz(t) -> float:
-    """The usual rate of these times; 0 where there are not two."""
+    """Typical rate of these times, Hz; 0 for fewer than two."""
     steps = np.diff(np.asarray(t, dtype=float))
     steps = steps[steps > 0]
     return float(1.0 / np.median(steps)) if len(steps) else 0.0
 
 
 def euler(w, x, y, z):
-    """Roll, pitch and yaw (ZYX, rad) of quaternions that need not be of unit length; NaN where one is zero."""
+    """Roll, pitch and yaw (ZYX, rad) of quaternions of any length; NaN for a zero quaternion."""
     w, x, y, z = (np.asarray(v, dtype=float) for v in (w, x, y, z))
     square = w * w + x * x + y * y + z * z
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -12,24 +12,24 @@ from .._program import AlightError
 from ._frame import ACCEL, GYRO, Converted, euler, rate_hz
 
 MILLI_G = 9.80665e-3
-# The autopilot's component.
+# Component id of the autopilot.
 AUTOPILOT = 1
-# Slower inertial samples do not carry the motion; the attitudes have it, Hz.
+# Minimum rate of inertial samples, Hz: slower ones do not carry the motion, which the attitudes then provide.
 MIN_IMU_HZ = 20.0
-# A clock that steps back by more was started again, s.
+# Step back beyond which a clock counts as restarted, s.
 RESTART_S = 1.0
-# Times of a count since 1970 are no times of the autopilot's clock, s.
+# Times above this count from 1970 and are not on the autopilot's clock, s.
 MAX_BOOT_S = 1e8
 MAX_MESSAGES = 10_000_000
 
-# Messages of inertial samples, the best first, with their units: m/s² and rad/s.
+# Messages of inertial samples, best first, with their units: m/s² and rad/s.
 IMUS = (("HIGHRES_IMU", 1.0, 1.0), ("SCALED_IMU", MILLI_G, 1e-3), ("RAW_IMU", MILLI_G, 1e-3))
 TLOG = ["ATTITUDE", "ATTITUDE_QUATERNION", "GPS_RAW_INT", *(name for name, _, _ in IMUS)]
 DATAFLASH = ["ATT", "IMU", "GPS"]
 
 
 def _messages(path: str, opened, kinds: List[str]):
-    """Messages of these kinds, of a log as `opened` opens it, with the logger's time, s."""
+    """Messages of these kinds in a log that `opened` opens, with the logger's time, s."""
     log = None
     try:
         log = opened(path)
@@ -43,14 +43,14 @@ def _messages(path: str, opened, kinds: List[str]):
     except Exception as error:  # pymavlink raises whatever its parsing meets.
         raise AlightError(f"{path}: no log that pymavlink reads ({type(error).__name__}: {error})", 2) from None
     finally:
-        # An old release has no end of a DataFlash log.
+        # Old releases have no `close` for a DataFlash log.
         if hasattr(log, "close"):
             log.close()
     raise AlightError(f"{path}: more than {MAX_MESSAGES} messages; cut the log into parts", 2)
 
 
 def _boot_s(message) -> float:
-    """Time of the autopilot's clock, s; NaN where the message has none."""
+    """Time on the autopilot's clock, s; NaN if the message has none."""
     if hasattr(message, "time_boot_ms"):
         return message.time_boot_ms * 1e-3
     t = getattr(message, "time_usec", 0) * 1e-6
@@ -90,7 +90,7 @@ def _attitudes(rows: List[tuple]) -> int:
 
 
 def _one_run(converted: Converted, rows: List[tuple]) -> List[tuple]:
-    """Messages of the longest run of the autopilot's clock with their times on it."""
+    """Messages of the longest run of the autopilot's clock, with their times on that clock."""
     runs: List[List[tuple]] = [[]]
     last = -math.inf
     for message, arrival_s in rows:
@@ -98,7 +98,7 @@ def _one_run(converted: Converted, rows: List[tuple]) -> List[tuple]:
         if boot_s < last - RESTART_S:
             runs.append([])
             last = -math.inf
-        # A NaN does not count.
+        # NaN times are ignored.
         last = max(last, boot_s) if boot_s == boot_s else last
         runs[-1].append((message, arrival_s, boot_s))
     longest = max(runs, key=len)

@@ -1,4 +1,4 @@
-"""Names of columns: which quantity, in which unit.
+"""Quantities and units of columns, from their names.
 
 A name is a quantity and a unit: `roll_deg`, `Roll (deg)`, `"Heave [m]"`, `acc_x [m/s²]`, `vel_n_m_s`. A quantity without a unit
 is not converted: a roll of 0.2 may be degrees or radians.
@@ -10,7 +10,7 @@ import math
 import re
 from typing import NamedTuple, Optional, Tuple
 
-# Own name, dimension, other names in lower case, of letters and digits only.
+# Canonical name, dimension, and other names in lower-case letters and digits.
 KNOWN = (
     ("roll_deg", "angle", "roll rollangle"),
     ("pitch_deg", "angle", "pitch pitchangle"),
@@ -24,7 +24,7 @@ KNOWN = (
     ("longitude_deg", "angle", "longitude lon lng long"),
     ("altitude_m", "length", "altitude alt height ellipsoidalheight hae"),
     *((f"{w}_mps", "speed", f"{w} vel{w[0]} v{w[0]} vel{w} v{w} velocity{w} {w}velocity") for w in ("north", "east", "down")),
-    # Speed and course over ground become velocities north and east.
+    # Speed and course over ground are converted to velocities north and east.
     ("sog_mps", "speed", "sog speedoverground"),
     ("cog_deg", "angle", "cog courseoverground"),
 )
@@ -33,7 +33,7 @@ TIMES = set(
     "t time timestamp ts elapsed elapsedtime utc utctime timeutc gpstime datetime dateandtime dateutc datetimeutc localtime "
     "logtime sampletime unixtime epoch epochtime".split()
 )
-# Units of a dimension, letters and digits only (`m/s²` is `ms2`), with the factors to those of the own names.
+# Units of a dimension in letters and digits (`m/s²` is `ms2`), with factors to the units of the canonical names.
 UNITS = {
     "angle": (
         ("deg degs degree degrees degt degtrue decimaldegrees decdeg", 1.0),
@@ -64,7 +64,7 @@ BRACKETS = re.compile(r"^(.*)(?:\[([^\]]*)\]|\(([^)]*)\)|\{([^}]*)\}|<([^>]*)>)$
 
 
 class Name(NamedTuple):
-    """What a column's name says. `name` is the own name of the quantity, or `t_s`; `factor` is None where no known unit is
+    """Meaning of a column's name. `name` is the canonical name of the quantity, or `t_s`; `factor` is None if no known unit is
     stated."""
 
     name: str
@@ -72,7 +72,7 @@ class Name(NamedTuple):
 
 
 def _words(text: str) -> list:
-    """Lower-case words of letters and digits: `RollAngle_deg` is `roll angle deg`."""
+    """Lower-case words of letters and digits: `RollAngle_deg` becomes `roll angle deg`."""
     for sign, letters in (("°", " deg"), ("º", " deg"), ("²", "2"), ("µ", "u"), ("μ", "u"), ("^", "")):
         text = text.replace(sign, letters)
     text = re.sub(r"([a-z])([A-Z])", r"\1 \2", text)
@@ -84,7 +84,7 @@ def _quantity(base: str) -> Optional[Tuple[str, str]]:
 
 
 def name(text: str) -> Optional[Name]:
-    """What a column's name says; None of something else."""
+    """Meaning of a column's name; None if the name is unknown."""
     text = text.strip()
     match = BRACKETS.match(text)
     if match:
@@ -93,7 +93,7 @@ def name(text: str) -> Optional[Name]:
         found = _quantity(base)
         if found:
             return Name(found[0], FACTORS[found[1]].get(unit))
-    # The unit is the last words; the brackets may hold more of the name.
+    # The unit is in the last words; the brackets may also contain part of the name.
     words = _words(text)
     for end in range(len(words) - 1, 0, -1):
         found = _quantity("".join(words[:end]))

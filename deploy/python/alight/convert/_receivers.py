@@ -1,4 +1,4 @@
-"""Receivers: INSPVAA and INSPVASA of NovAtel and VNINS of VectorNav in text."""
+"""Receivers: INSPVAA and INSPVASA of NovAtel and VNINS of VectorNav as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .._program import AlightError
 from ._frame import Converted
 
 WEEK_S = 604_800.0
-# Longest line that is looked at, characters; these sentences have some 250.
+# Maximum length of a line that is parsed, characters; these sentences have about 250.
 MAX_LINE = 4096
 MAX_BYTES = 512 << 20
 
@@ -38,7 +38,7 @@ class _Rows:
 
 
 def read_sentences(path: str, _system) -> Converted:
-    """Reads the sentences of a text, whatever a logger wrote around them."""
+    """Reads the sentences of a text, ignoring what a logger wrote around them."""
     if os.path.getsize(path) > MAX_BYTES:
         raise AlightError(f"{path}: more than {MAX_BYTES >> 20} MB; cut the recording into parts", 2)
     converted, rows = Converted("INS sentences"), _Rows()
@@ -48,7 +48,7 @@ def read_sentences(path: str, _system) -> Converted:
             line = line[:MAX_LINE]
             found = _novatel(line) or _vectornav(line)
             if found is None:
-                # A sentence begins, and its sum is wrong or it is cut off.
+                # A sentence begins, but its checksum is wrong or it is cut off.
                 damaged += any(name in line for name in ("#INSPVAA,", "%INSPVASA,", "$VNINS,"))
                 continue
             t_s, values, aligned = found
@@ -76,7 +76,7 @@ def _novatel(line: str) -> Optional[tuple]:
     if not match:
         return None
     body = f"{match.group(1)},{match.group(2)}"
-    # Their CRC is that of Ethernet, without its inversions at begin and end.
+    # The CRC is Ethernet's without the inversions at the beginning and the end.
     if zlib.crc32(body.encode("latin-1"), 0xFFFFFFFF) ^ 0xFFFFFFFF != int(match.group(3), 16):
         return None
     fields = body.rpartition(";")[2].split(",")
@@ -89,7 +89,7 @@ def _novatel(line: str) -> Optional[tuple]:
 
 
 def _vectornav(line: str) -> Optional[tuple]:
-    """VNINS (VN-200 manual): the same; the INS is aligned in modes 1 and 2 of its status."""
+    """VNINS (VN-200 manual), with the same result; the INS is aligned in modes 1 and 2 of its status."""
     match = VECTORNAV.search(line)
     if not match:
         return None

@@ -1,7 +1,7 @@
-"""Tables of text of any program by pandas: separators, quoted cells, decimal commas, remarks, names with units, clocks.
+"""Text tables of any program by pandas: separators, quoted cells, decimal commas, comments, names with units, clocks.
 
-What is not certain is not converted: a column without a unit, dates that may begin with their day or their month, two kinds of
-decimals. What was assumed and left out is in the notes.
+Ambiguous content is not converted: a column without a unit, dates that may begin with the day or the month, two kinds of
+decimals. The notes list assumptions and omissions.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ._names import Name, name
 from ._times import clock, epoch_unit, resolve, spread
 
 MAX_BYTES = 512 << 20
-# Lines that may stand before the header.
+# Maximum number of lines before the header.
 MAX_PREAMBLE = 100
 COMMENTS = ("#", "%", "//")
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "vertical bars", " ": "spaces"}
 MISSING = ["", "nan", "na", "n/a", "null", "none", "-", "--", "nan(ind)"]
-# Slower than this a course is not needed, m/s.
+# Speed below which no course is needed, m/s.
 STILL_MPS = 0.3
 
 
 class _Header(NamedTuple):
-    """A line as a header: its number from 0, separator, cells, names; whether it is a remark."""
+    """A line read as a header: its number from 0, separator, cells, names, and whether it is a comment."""
 
     line: int
     separator: str
@@ -66,7 +66,7 @@ def _error(path: str, line: int, message: str) -> AlightError:
 
 
 def _decoded(data: bytes, converted: Converted) -> str:
-    """The text: UTF-8, UTF-16 behind its mark, or Latin-1."""
+    """Decodes the text: UTF-8, UTF-16 with a byte order mark, or Latin-1."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16", "replace")
     try:
@@ -77,7 +77,7 @@ def _decoded(data: bytes, converted: Converted) -> str:
 
 
 def _comment(line: str) -> Optional[str]:
-    """Content of a remark; None of any other line."""
+    """Content of a comment line; None for any other line."""
     line = line.lstrip()
     return line.lstrip("#%/ ") if line.startswith(COMMENTS) else None
 
@@ -88,18 +88,18 @@ def _split(line: str, separator: str) -> List[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error:
-        # A cell of 128 kB is none of a measurement.
+        # A cell of 128 kB is not a measurement.
         return []
 
 
 def _as_header(k: int, line: str) -> _Header:
-    """The line with the separator by which most of it is known."""
+    """Splits the line by the separator that yields the most known names."""
     remark = _comment(line)
     text = line if remark is None else remark
     ways = []
     for separator in SEPARATORS:
         cells = _split(text, separator)
-        # A line may end with what separates its cells.
+        # A line may end with its separator.
         while cells and not cells[-1]:
             cells.pop()
         ways.append(_Header(k, separator, cells, [name(cell) for cell in cells], remark is not None))
@@ -107,7 +107,7 @@ def _as_header(k: int, line: str) -> _Header:
 
 
 def _header(path: str, lines: List[str]) -> _Header:
-    """The first line with a time and another quantity, certain before likely."""
+    """First line with a time and another quantity; certain matches precede likely ones."""
     first = [(k, line) for k, line in enumerate(lines) if line.strip()][:MAX_PREAMBLE]
     headers = [_as_header(k, line) for k, line in first]
     certain = next((h for h in headers if h.timed() and h.rank()[1]), None)
@@ -128,7 +128,7 @@ def _header(path: str, lines: List[str]) -> _Header:
 
 
 def _with_units(lines: List[str], header: _Header, converted: Converted) -> Tuple[_Header, int]:
-    """The header with units that stand in a line of their own below it, and the line where the rows begin."""
+    """Header with the units of a separate line below it, and the first line of the rows."""
     passed = sum(1 for line in lines[: header.line] if line.strip() and _comment(line) is None and not _is_separator_line(line))
     if passed:
         converted.notes.append(f"{passed} lines before the header, which is line {header.line + 1}, were passed over")
@@ -151,12 +151,12 @@ def _with_units(lines: List[str], header: _Header, converted: Converted) -> Tupl
 
 
 def _is_separator_line(line: str) -> bool:
-    """`sep=;`, by which a spreadsheet is recognised."""
+    """`sep=;`, a line that spreadsheets write."""
     return line.strip().strip('"').lower().startswith("sep=")
 
 
 def _columns(path: str, header: _Header, converted: Converted) -> Dict[str, int]:
-    """Number of the column of each quantity."""
+    """Column number of each quantity."""
     times = [k for k, n in enumerate(header.names) if n and n.name == "t_s"]
     own = [k for k in times if header.cells[k] == "t_s"]
     if len(own) > 1:
@@ -187,7 +187,7 @@ def _columns(path: str, header: _Header, converted: Converted) -> Dict[str, int]
 
 
 def _cells(path: str, lines: List[str], header: _Header, begin: int, converted: Converted):
-    """The rows' cells as text, with the number of their line as index."""
+    """Cells of the rows as text, indexed by line number."""
     head = lines[header.line].strip()
     numbers = [k for k in range(begin, len(lines)) if lines[k].strip(" \t\r,;|")]
     rows = [k for k in numbers if _comment(lines[k]) is None and lines[k].strip() != head]
@@ -212,7 +212,7 @@ def _cells(path: str, lines: List[str], header: _Header, begin: int, converted: 
 
 
 def _values(path: str, cells, header: _Header, columns: Dict[str, int], converted: Converted):
-    """Numbers of the columns in their own units; rows that cannot be read are counted and left out."""
+    """Numbers of the columns in canonical units; rows that cannot be read are counted and omitted."""
     texts = {own: cells[k] for own, k in columns.items()}
     clocks = texts["t_s"].str.contains(":").any()
     numeric = [own for own in texts if not (own == "t_s" and clocks)]
@@ -249,13 +249,13 @@ def _values(path: str, cells, header: _Header, columns: Dict[str, int], converte
 
 
 def _first_with(sign: str, columns) -> Optional[int]:
-    """The first line with this sign in one of the columns."""
+    """First line with this character in one of the columns."""
     found = [texts.index[texts.str.contains(sign, regex=False)] for texts in columns]
     return min((int(lines[0]) for lines in found if len(lines)), default=None)
 
 
 def _clocks(path: str, texts, bad):
-    """Times (s) of clocks; marks in `bad` the rows without one."""
+    """Times (s) from clocks; marks rows without a time in `bad`."""
     read_clocks = [clock(text) for text in texts]
     known = np.array([c is not None for c in read_clocks])
     message = "t_s is `" + texts + "`, no time; 2026-05-20T12:00:00.1Z and 12:00:00.1 are read"
@@ -270,7 +270,7 @@ def _clocks(path: str, texts, bad):
 
 
 def _time_unit(path: str, header: _Header, column: int, t, converted: Converted) -> float:
-    """Seconds of the time's unit, as its name or its size says."""
+    """Length of the time's unit, s, from its name or the size of the values."""
     factor = header.names[column].factor
     if factor is not None:
         return factor
@@ -289,7 +289,8 @@ def _time_unit(path: str, header: _Header, column: int, t, converted: Converted)
 
 
 def _add(path: str, values, converted: Converted) -> None:
-    """Velocities of speeds and courses; coarse stamps spread, in each set of quantities that come together."""
+    """Converts speeds and courses to velocities; spreads coarse stamps, separately for each set of quantities that arrive
+    together."""
     if "sog_mps" in values or "cog_deg" in values:
         _velocities(values, converted)
     names = [own for own in values.columns if own != "t_s"]
@@ -324,7 +325,7 @@ def _groups(there) -> List[List[str]]:
 
 
 def _velocities(values, converted: Converted) -> None:
-    """Replaces speed and course over ground by velocities north and east, where those are not measured themselves."""
+    """Replaces speed and course over ground by velocities north and east, unless these are measured themselves."""
     nothing = pandas.Series(np.nan, index=values.index)
     speed = values.pop("sog_mps") if "sog_mps" in values else nothing
     course = values.pop("cog_deg") if "cog_deg" in values else nothing

@@ -9,11 +9,11 @@ from typing import List, NamedTuple, Optional, Tuple
 from .._lazy import numpy as np
 
 DAY_S = 86_400.0
-# A clock that goes back by more has passed midnight, s.
+# Step back beyond which a clock has passed midnight, s.
 MIDNIGHT_S = 43_200.0
-# Rows with the stamp of the row before, of all, from which on the stamps are coarse.
+# Fraction of rows with the previous row's stamp above which stamps count as coarse.
 COARSE = 0.2
-# Rows of one stamp may be this share, and one, more or fewer than is usual; most rows that may be left out for it.
+# Tolerance on the number of rows per stamp, as a fraction plus one row; maximum fraction of rows omitted for it.
 EVEN, LEFT_OUT = 0.2, 0.2
 CLOCK = re.compile(
     r"^(?:(?P<y>\d{4})[-/.](?P<m>\d{1,2})[-/.](?P<d>\d{1,2})[ T_,]+|(?P<a>\d{1,2})(?P<sep>[-/.])(?P<b>\d{1,2})[-/.](?P<y2>\d{4})[ T_,]+)?"
@@ -25,20 +25,20 @@ EPOCH_UNITS = ((1.0, "seconds"), (1e-3, "milliseconds"), (1e-6, "microseconds"),
 
 
 class Clock(NamedTuple):
-    """A time of day (s; of UTC where a zone is given) and its day: a number, the two numbers that may be day or month and
-    the year, or None."""
+    """Time of day (s; in UTC if a zone is given) and day: a number, or the year and two numbers that may be day or month, or
+    None."""
 
     of_day: float
     day: object
 
 
 def epoch_unit(value: float) -> Optional[Tuple[float, str]]:
-    """Unit of a count since 1970 (from 2001 to 2286), by its size: s, and its name."""
+    """Unit of a count since 1970 (from 2001 to 2286), by its size: length in s, and name."""
     return next((unit for unit in EPOCH_UNITS if 1e9 <= value * unit[0] < 1e10), None)
 
 
 def clock(text: str) -> Optional[Clock]:
-    """`2026-05-20T12:00:00.10Z`, `20.05.2026 12:00:00`, `12:00:00,1`, `1:02:03 PM`; None of anything else."""
+    """Parses `2026-05-20T12:00:00.10Z`, `20.05.2026 12:00:00`, `12:00:00,1`, `1:02:03 PM`; None for anything else."""
     found = CLOCK.match(text.strip())
     if not found:
         return None
@@ -69,7 +69,7 @@ def clock(text: str) -> Optional[Clock]:
 
 
 def day_number(year: int, month: int, day: int) -> Optional[int]:
-    """Days since 1970; None of what is no day from 1970 to 2199."""
+    """Days since 1970; None for a date that does not exist between 1970 and 2199."""
     try:
         number = datetime.date(year, month, day).toordinal() - datetime.date(1970, 1, 1).toordinal()
     except ValueError:
@@ -78,7 +78,7 @@ def day_number(year: int, month: int, day: int) -> Optional[int]:
 
 
 def resolve(clocks: List[Clock]) -> List[float]:
-    """Times, s, in the order of the rows; a ValueError says what is unclear. Clocks without a date go on over midnight."""
+    """Times, s, in the order of the rows; a ValueError names the ambiguity. Clocks without a date continue past midnight."""
     either = [c.day for c in clocks if isinstance(c.day, tuple)]
     day_first, month_first = any(d[0] > 12 for d in either), any(d[1] > 12 for d in either)
     known = day_first != month_first
@@ -96,7 +96,7 @@ def resolve(clocks: List[Clock]) -> List[float]:
         if isinstance(day, tuple):
             a, b, year = day
             number = day_number(year, b, a) if day_first else day_number(year, a, b)
-            # The same day in every row where neither order is known.
+            # Every row has the same day, and the order of day and month is unknown.
             number = number if known else 0
             if number is None:
                 raise ValueError(f"{a}/{b}/{year} is no date as the others are written")
@@ -106,10 +106,10 @@ def resolve(clocks: List[Clock]) -> List[float]:
 
 
 def spread(t) -> Tuple[object, object, Optional[str]]:
-    """Times of rows whose stamps are coarser than they are; which rows are kept; what was done, for people.
+    """Times of rows whose stamps are coarser than the rows; the rows to keep; a description for users.
 
-    A logger that writes rows evenly and stamps them with the step q of a coarse clock writes floor(t / q) q. A line through stamp
-    over number of the row gives the times back, to a constant of less than q. A ValueError says why no row can be dated.
+    A logger that writes rows evenly and stamps them with the step q of a coarse clock writes floor(t / q) q. A line of stamp over
+    row number recovers the times, to within a constant below q. A ValueError gives the reason why no row can be dated.
     """
     t = np.asarray(t, dtype=float)
     keep = np.ones(len(t), dtype=bool)
@@ -130,7 +130,7 @@ def spread(t) -> Tuple[object, object, Optional[str]]:
             f"the times go in steps of {step:.3f} s with {count.min()} to {count.max()} rows at one time, so that no row can be "
             "dated; record times with fractions of a second"
         )
-    # Stretches of stamps that follow each other.
+    # Runs of consecutive stamps.
     follows = np.concatenate([[False], (steps > 0) & (steps < 1.5 * step)])
     follows[1:] &= even[:-1]
     new = t.copy()
@@ -151,11 +151,11 @@ def spread(t) -> Tuple[object, object, Optional[str]]:
 
 
 def _date(new, t, rows, runs, steps) -> None:
-    """Dates the rows of a stretch by a line; where it does not fit within a step, each stamp's rows evenly."""
+    """Dates the rows of a run by a line; if the line does not fit within a step, spreads each stamp's rows evenly."""
     (a, b), (first, count), (step, usual) = rows, runs, steps
     stamps = t[a:b]
     k = np.arange(b - a) - 0.5 * (b - a - 1)
-    # A stamp or two show no slope.
+    # One or two stamps do not determine a slope.
     slope = float(k @ (stamps - stamps[0]) / (k @ k)) if len(first) > 2 else step / usual
     line = stamps[0] + (stamps - stamps[0]).mean() + slope * k
     if slope > 0.0 and (np.abs(stamps - line) <= step).all():

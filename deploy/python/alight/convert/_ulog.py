@@ -43,7 +43,7 @@ def read(path: str, _system) -> Converted:
 
 
 def _time(data):
-    """When it was sampled, s of the autopilot's clock; else when it was published."""
+    """Time of sampling, s of the autopilot's clock; without it, time of publication."""
     published = data["timestamp"]
     sampled = data.get("timestamp_sample", published)
     return np.where(sampled > 0, sampled, published) * 1e-6
@@ -65,7 +65,7 @@ def _attitude(converted: Converted, data, has_heading: bool) -> None:
 
 
 def _first(data, *names):
-    """The first of these fields that is there, in the column's unit; a KeyError names the last."""
+    """First existing one of these fields, in the column's unit; the KeyError names the last."""
     for name, unit in names:
         if name in data:
             return np.asarray(data[name], dtype=float) * unit
@@ -73,7 +73,7 @@ def _first(data, *names):
 
 
 def _fixes(converted: Converted, data) -> bool:
-    """Adds fixes; whether the receiver measures the heading."""
+    """Adds fixes; returns whether the receiver measures the heading."""
     if data is None:
         return False
     t = _time(data)

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 pub(super) const ROOMS: [&str; 6] = ["shared", "bridge", "usv-side", "uav-side", "tests", "deploy"];
 
-/// Line, with its characters by kind.
 #[derive(Default)]
 pub(super) struct SourceLine {
     pub(super) code: String,
@@ -14,12 +13,12 @@ pub(super) struct SourceLine {
 }
 
 /// Splits a source into lines. A string literal continues on the next line only after a backslash; the lines of a raw
-/// one count as code.
+/// string count as code.
 fn lex(source: &str) -> Vec<SourceLine> {
     let mut is_text = false;
     let line = |line: &str| {
         let mut found = SourceLine::default();
-        // Quotes that neither begin nor end a literal are removed.
+        // Removes quotes that neither begin nor end a literal.
         let line = ["\\\\", "\\\"", "'\"'"]
             .iter()
             .fold(line.to_owned(), |line, quote| line.replace(quote, " "));
@@ -119,7 +118,6 @@ fn is_name(c: char) -> bool {
     c.is_alphanumeric() || c == '_'
 }
 
-/// Identifier at the beginning of `code`.
 fn name(code: &str) -> &str {
     &code[..code.find(|c: char| !is_name(c)).unwrap_or(code.len())]
 }
@@ -141,7 +139,7 @@ pub(super) fn keys(lines: &[SourceLine]) -> (Vec<(usize, &str)>, BTreeSet<&str>)
             );
             continue;
         }
-        // A field after a point, or alone on a line of a pattern.
+        // A field after a dot, or alone on a line of a pattern.
         read.extend(code.split('.').skip(1).map(name));
         read.extend(code.strip_suffix(',').filter(|c| c.chars().all(is_name)));
     }

@@ -1,5 +1,3 @@
-//! Occurrences of the terms in `words.toml`.
-
 use std::collections::BTreeMap;
 
 use serde::Deserialize;
@@ -8,7 +6,6 @@ use super::source::SourceFile;
 
 pub(super) type Places = BTreeMap<String, Vec<String>>;
 
-/// Scope in which a term counts.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Scope {
@@ -19,7 +16,6 @@ enum Scope {
     Opening,
 }
 
-/// Terms with one replacement.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Ban {
@@ -66,7 +62,6 @@ fn lower_pieces(text: &str) -> Vec<String> {
     found
 }
 
-/// Tokens of a file by scope.
 fn tokens(source: &SourceFile) -> BTreeMap<Scope, Vec<Token>> {
     let mut all: BTreeMap<Scope, Vec<Token>> = BTreeMap::new();
     let mut add = |scope, row, mut pieces: Vec<String>| {
@@ -129,7 +124,6 @@ impl Rule<'_> {
     }
 }
 
-/// Rules by scope and first token.
 fn rules(bans: &Bans) -> BTreeMap<(Scope, String), Vec<Rule<'_>>> {
     let mut rules: BTreeMap<(Scope, String), Vec<Rule<'_>>> = BTreeMap::new();
     for ban in &bans.ban {

@@ -1,8 +1,8 @@
 //! Lateral disturbance during the descent, measured at the drone and predicted along its path.
 //!
 //! Wind decreases towards the water according to the logarithmic law, `w(h) = w(h0) ln(h / z0) / ln(h0 / z0)`, and a
-//! drone that drifts with the wind has a lower airspeed. To first order, the drag `d = -k |u| u` of the airspeed `u = v
-//! - w` becomes
+//! drone that drifts with the wind has a lower airspeed. To first order, the drag `d = -k |u| u` of the airspeed
+//! `u = v - w` becomes
 //!
 //! ```text
 //! d(h, v) = d0 + S (w(h) - w(h0) - (v - v0)),    S = |d0| / |u0| (1 + u0 u0' / |u0|²)

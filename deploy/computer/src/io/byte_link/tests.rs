@@ -96,15 +96,15 @@ fn terminal() -> (std::os::fd::OwnedFd, String) {
 async fn serial_port_open_in_another_program() {
     let (_line, path) = terminal();
     let first = serial(Path::new(&path), 115_200).unwrap();
-    // The lock belongs to the open file, so a second open from the same program is locked out as well.
+    // The lock belongs to the open file, so a second open in the same program is also rejected.
     let url: LinkUrl = format!("serial://{path}:115200").parse().unwrap();
     let mut second = ByteLink::new(url).await.unwrap();
     second.read(|_| {}).await;
     let why = second.last_error().unwrap();
     assert!(why.contains("another program has this port open"), "{why}");
     assert_eq!(second.opened(), 0);
-    // The second link opens the port once it is free. For all but root, a pseudo-terminal stays exclusive,
-    // unlike a port.
+    // The second link opens the port once it is free. Unlike a real port, a pseudo-terminal stays exclusive except
+    // for root.
     drop(first);
     if !rustix::process::geteuid().is_root() {
         return;
@@ -120,7 +120,7 @@ async fn messages_through_a_full_line_are_whole() {
     let mut link = ByteLink::new(url).await.unwrap();
     link.read(|_| {}).await;
     assert_eq!(link.opened(), 1, "{:?}", link.last_error());
-    // More than the line holds: some messages are dropped whole, one is sent in two parts.
+    // More than the line can hold: some messages are dropped whole, one is sent in two pieces.
     const MESSAGE: usize = 250;
     let messages: Vec<Vec<u8>> = (0..200_u8).map(|k| vec![k; MESSAGE]).collect();
     for message in &messages {
@@ -273,7 +273,7 @@ async fn link_that_opens_and_breaks_at_once() {
 async fn name_without_an_address_next_to_another_source() {
     use crate::io::byte_links::ByteLinks;
 
-    // A label of this length is invalid, so no server is asked.
+    // A label of this length is invalid, so no server is queried.
     let host = "x".repeat(64);
     for kind in ["ws", "tcpout", "udpout"] {
         let absent = format!("{kind}://{host}:3000");

@@ -1,4 +1,4 @@
-//! Repair of a part without an end, after a kill or a power cut: adds an index, so that viewers open it.
+//! Repair of a part without an end, after a kill or a power cut: adds an index, so that viewers can open the part.
 
 use std::fs::File;
 use std::path::Path;
@@ -13,7 +13,6 @@ use crate::record::sink::why;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Repair {
-    /// Repaired parts.
     pub parts: usize,
     pub steps: usize,
     /// Removed parts, which were cut off before their first step.
@@ -37,7 +36,7 @@ pub fn mend(directory: &Path) -> Result<Repair, CliError> {
     Ok(repaired)
 }
 
-/// Rewrites the part to a new file, which replaces it; returns the number of steps.
+/// Rewrites the part to a new file, which then replaces it; returns the number of steps.
 fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let doing = format_args!("mending {}", path.display());
     let part = LogFile::open(path)?;
@@ -45,11 +44,11 @@ fn rewrite(path: &Path, header: &PartHeader) -> Result<usize, CliError> {
     let _none = std::fs::remove_file(&new);
     let copied = copy(&part, &new, header).map_err(|e| CliError::because(doing, why(&e)));
     if copied.is_err() {
-        // The new file may be cut off by a full disk.
+        // A full disk may have cut off the new file.
         let _none = std::fs::remove_file(&new);
     }
     copied?;
-    // The time of the last write counts as the flight's end.
+    // The time of the last write counts as the end of the flight.
     let written = std::fs::metadata(path).and_then(|m| m.modified()).doing(doing)?;
     let file = File::options().write(true).open(&new).doing(doing)?;
     file.set_modified(written).doing(doing)?;

@@ -24,10 +24,10 @@ pub mod recording;
 pub mod store;
 pub mod summary;
 
-/// Disk space that recording leaves free, bytes: the deck's state lies on the same disk.
+/// Disk space that recording leaves free, bytes: the deck's state is on the same disk.
 const MIN_FREE_BYTES: u64 = 256 << 20;
 
-/// Bytes that users other than root may still write below `directory`; None if the system does not report it.
+/// Bytes that users other than root can still write below `directory`; None if the system does not report it.
 fn free_bytes(directory: &std::path::Path) -> Option<u64> {
     let found = rustix::fs::statvfs(directory).ok()?;
     Some(found.f_bavail.saturating_mul(found.f_frsize))

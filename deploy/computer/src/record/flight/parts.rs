@@ -1,5 +1,5 @@
-//! Parts of one start of a process: rotated by size and time, synchronised every second, retried when the
-//! disk rejects writes.
+//! Parts of one start of a process: rotated by size and age, synchronised every second, retried when the disk rejects
+//! writes.
 
 use std::fs::File;
 use std::io;
@@ -18,26 +18,25 @@ use crate::record::entry::{self, PartHeader, References};
 use crate::record::sink::{ChannelId, Sink, why};
 
 const S: i64 = 1_000_000_000;
-/// Size of a part, bytes of steps: a part of this size or of the maximum age is finished, and the next begins.
+/// Size of a part, bytes of steps: at this size or at the maximum age a part is finished and the next begins.
 const PART_BYTES: u64 = 64 << 20;
 const PART_NS: i64 = 600 * S;
-/// Delay after which steps are on the disk, ns. It is half of the loss that a power cut may cause; the age of
-/// a batch is the other.
+/// Maximum delay between writing steps and synchronising the disk, ns. It is half of the loss that a power cut may
+/// cause; the age of a batch is the other half.
 const SYNC_PERIOD_NS: i64 = S;
 /// Delay before a retry after the disk rejected a write, ns.
 const RETRY_PERIOD_NS: i64 = 10 * S;
-/// Period of warnings about a disk that is too slow, ns.
 const WARNING_PERIOD_NS: i64 = 10 * S;
 
 #[derive(Default)]
 pub struct Batch {
     pub bytes: Vec<u8>,
-    /// Number of each step, steady time after it (ns), and end of its entry in `bytes`.
+    /// Number of each step, steady time at its end (ns), and end of its entry in `bytes`.
     pub marks: Vec<(u64, i64, usize)>,
 }
 
 impl Batch {
-    /// Adds the step with this number. A step larger than the largest record is left out: its number is missing.
+    /// Adds the step with this number. A step larger than the largest record is left out, and its number is missing.
     pub fn add(
         &mut self,
         (step, at_ns): (u64, i64),
@@ -64,7 +63,7 @@ pub struct PartWriter {
     path: PathBuf,
     began_ns: i64,
     bytes: u64,
-    /// Number of steps that are not on the disk yet, and time of the first.
+    /// Number of steps that are not on the disk yet, and the time of the first.
     unsynced: u64,
     unsynced_ns: i64,
 }
@@ -84,13 +83,13 @@ impl PartWriter {
             Ok(part)
         });
         if begun.is_err() {
-            // A file with an incomplete beginning is not a part.
+            // A file with an incomplete beginning is not a valid part.
             let _none = std::fs::remove_file(path);
         }
         begun
     }
     fn on(file: File, path: &Path, header: &PartHeader, steady_ns: i64) -> Result<PartWriter, McapError> {
-        // Compression halves a vessel's bytes, which are recorded day and night, for 2 ms of processor time
+        // Compression halves a vessel's bytes, which are recorded day and night, at a cost of 2 ms of processor time
         // per second. Forecasts, most of a drone's bytes, do not become smaller.
         let mut sink = Sink::of(file.try_clone()?, Some(Compression::Lz4), true)?;
         let channel = sink.process(header, std::iter::empty())?;
@@ -110,13 +109,12 @@ impl PartWriter {
         if self.unsynced == 0 {
             self.unsynced_ns = at_ns;
         }
-        // Counted before the write: a step whose write fails is not on the disk either.
+        // Counted before the write, because a step whose write fails is not on the disk either.
         self.unsynced += 1;
         self.bytes += bytes.len() as u64;
-        // The reader knows the part's first step.
+        // The 32-bit sequence number may wrap: the reader knows the part's first step.
         self.sink.write(self.channel, step as u32, utc_ns, bytes)
     }
-    /// Ends the chunk and waits until it is on the disk.
     fn sync(&mut self) -> Result<(), McapError> {
         self.sink.flush()?;
         self.file.sync_data()?;
@@ -133,18 +131,17 @@ impl PartWriter {
     }
 }
 
-/// Successive parts of one start of a process. If the disk is full or read-only, the process continues
-/// without recording; this is reported, and every 10 s a new part is tried.
+/// Successive parts of one start of a process. If the disk is full or read-only, the process continues without
+/// recording; the failure is reported, and a new part is tried every 10 s.
 pub struct Parts {
     directory: PathBuf,
     header: PartHeader,
     part: Option<PartWriter>,
-    /// Number of attempts to begin a part.
     tried: u32,
     next: u64,
     /// Number of steps that are not on the disk and will not be written.
     missing: u64,
-    /// The disk rejected a write, which has been reported.
+    /// The disk has rejected a write, which is already reported.
     failed: bool,
     retry_ns: i64,
     /// Steps that came too fast since the last warning, and the earliest time of the next warning.
@@ -155,7 +152,7 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Parts of a start whose first part begins with the first step.
+    /// Parts of a start; the first begins with the first step.
     pub fn new(directory: &Path, header: PartHeader, steady_ns: i64) -> Parts {
         survive_size_limit();
         Parts {
@@ -172,7 +169,7 @@ impl Parts {
             utc_ahead_ns: OffsetDateTime::now_utc().unix_timestamp_nanos() - i128::from(steady_ns),
         }
     }
-    /// Steps that are not recorded because the disk rejected writes or was too slow.
+    /// Number of steps not recorded because the disk rejected writes or was too slow.
     pub fn missing(&self) -> u64 {
         self.missing
     }
@@ -260,7 +257,7 @@ impl Parts {
         let Some(part) = self.part.take() else { return };
         self.missing += part.unsynced;
         let path = part.path.clone();
-        // Dropping the writer tries to end the file; without an end, the steps on the disk can still be read.
+        // Dropping the writer tries to end the file; without an end, the steps on the disk remain readable.
         drop(part);
         self.report_failure(steady_ns, &path, error);
     }
@@ -281,7 +278,7 @@ impl Parts {
     }
 }
 
-/// An error if less space is free than recording must leave.
+/// Returns an error if less space is free than recording must leave.
 fn enough_room(directory: &Path) -> Result<(), McapError> {
     match free_bytes(directory) {
         Some(free) if free < MIN_FREE_BYTES => Err(McapError::Io(io::Error::other(format!(
@@ -363,7 +360,7 @@ mod tests {
         for step in 0..4 {
             written.write(0, &batch(step, 0));
         }
-        // Rotated by age, then by size: a step as large as a part.
+        // Rotated by age, then by size: this step is as large as a part.
         written.write(PART_NS, &batch(4, PART_NS));
         if let Some(part) = &mut written.part {
             part.bytes = PART_BYTES;
@@ -408,7 +405,7 @@ mod tests {
     #[test]
     fn parts_on_a_blocked_disk() {
         let directory = directory("blocked");
-        // A file in place of the directory: not even root can write below it.
+        // A file in place of the directory, in which not even root can create files.
         std::fs::write(&directory, "").unwrap();
         let mut written = begin(&directory);
         written.write(S, &batch(0, S));
@@ -456,7 +453,7 @@ mod tests {
         std::fs::remove_dir_all(&directory).unwrap();
     }
 
-    /// Header and bytes of a part, and after each chunk the length and the number of steps so far.
+    /// Header and bytes of a part; after each chunk, the length and the number of steps so far.
     type Chunks = (PartHeader, Vec<u8>, Vec<(usize, usize)>);
 
     /// A part of four chunks with 1 to 4 steps.
@@ -506,7 +503,7 @@ mod tests {
                 (header, true),
                 "{cut} bytes"
             );
-            // The unfinished chunk counts once it is complete, even if its index is not.
+            // The last chunk counts once it is complete, even if its index is not.
             assert!(part.steps() >= before && numbers(&path) == (0..part.steps() as u64).collect::<Vec<_>>());
             let after = lengths
                 .iter()
@@ -524,7 +521,8 @@ mod tests {
 
     proptest::proptest! {
         #![proptest_config(proptest::test_runner::Config::with_cases(64))]
-        /// Bytes that a power cut may leave after the last synchronised chunk: none, zeros or old content.
+        /// Part followed by bytes that a power cut may leave after the last synchronised chunk: none, zeros or old
+        /// content.
         #[test]
         fn part_with_a_damaged_tail(
             (chunk, tail) in (0_usize..4, proptest::collection::vec(proptest::num::u8::ANY, 0..300)),
@@ -535,7 +533,8 @@ mod tests {
             let path = directory("tail").with_extension("mcap");
             for tail in [tail, vec![0; zeros]] {
                 std::fs::write(&path, [&bytes[..length], &tail].concat()).unwrap();
-                // A record that claims more than it holds makes the MCAP reader panic; the tools contain the panic.
+                // A record with a length beyond the file's end makes the MCAP reader panic; the tools contain the
+                // panic.
                 let read = crate::record::reading::contained(&path, || LogFile::open(&path));
                 proptest::prop_assert_eq!(read.map(|p| p.steps()).unwrap_or(usize::MAX), steps);
             }

@@ -1,5 +1,5 @@
-//! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the
-//! queue full are counted and left out.
+//! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the queue
+//! full are counted and left out.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,23 +18,23 @@ use crate::exit::{CliError, Doing};
 
 pub use crate::record::entry::PartHeader;
 
-/// Size at which a batch goes to the thread, bytes; it also goes when its first step has the maximum age.
+/// Size at which a batch is passed to the thread, bytes; it is also passed when its first step reaches the maximum
+/// age.
 const BATCH_BYTES: usize = 64 << 10;
 const BATCH_NS: i64 = 200_000_000;
-/// Maximum number of batches in the queue: more than 10 s of a disk that does not respond.
+/// Maximum number of batches in the queue: enough for more than 10 s of a disk that does not respond.
 const BATCHES: usize = 64;
 /// Maximum number of bytes in the queue, mainly images: 3 s at 9 MB/s.
 const MAX_WAITING_BYTES: usize = 32 << 20;
-/// Period at which the thread polls the queue. It is not woken, because a process in flight must not take a
-/// lock that a thread of lower priority may hold.
+/// Period at which the thread polls the queue. It is not woken, because a process in flight must not take a lock that
+/// a thread of lower priority may hold.
 const POLL_PERIOD: Duration = Duration::from_millis(100);
 
 pub struct NodeRecorder {
     batch: Batch,
-    /// Time of the batch's first step on the steady clock, ns.
     since_ns: i64,
     steps: u64,
-    /// Steps that never reached the thread and that it does not count yet.
+    /// Number of dropped steps that the thread does not count yet.
     dropped: u64,
     to: Option<SyncSender<Batch>>,
     free: Receiver<Batch>,
@@ -99,7 +99,7 @@ impl NodeRecorder {
         // The thread counts the missing steps before the next batch that reaches it.
         self.dropped = if sent { 0 } else { self.dropped + steps };
     }
-    /// Steps that are not recorded because the disk rejected writes or was too slow.
+    /// Number of steps not recorded because the disk rejected writes or was too slow.
     pub fn missing(&self) -> u64 {
         self.missing.load(Ordering::Relaxed) + self.dropped
     }
@@ -140,7 +140,7 @@ fn write(
     parts.finish(steady_ns());
 }
 
-/// Checks that `directory` can be recorded to, for a command that would be useless otherwise.
+/// Checks that `directory` can be recorded to, for a command that would otherwise be useless.
 pub fn can_write(directory: &Path) -> Result<(), CliError> {
     let probe = directory.join(".alight");
     let done = std::fs::create_dir_all(directory).and_then(|()| std::fs::write(&probe, "recorder"));

@@ -1,4 +1,4 @@
-//! Management of a computer's flights, apart from the processes that fly: begin, summary, retention.
+//! Management of a computer's flights outside the processes that fly: begin, summary, retention.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -13,27 +13,24 @@ use super::store::{self, Removed, Room};
 use super::summary::FlightSummary;
 use super::yield_to_flight;
 
-/// Capacity of the queue.
 const SUMMARIES: usize = 2;
-/// Period at which the thread polls the queue.
 const POLL_PERIOD: Duration = Duration::from_millis(200);
-/// Period of the check for free disk space, ns; the processes write 20 MB meanwhile.
+/// Period of the check for free disk space, ns; in this time the processes write 20 MB.
 const ROOM_PERIOD_NS: i64 = 10_000_000_000;
-/// Period at which an unchanged summary is written, ns: after a power cut its length counts as the flight's.
+/// Period at which an unchanged summary is written, ns: after a power cut the time of the last write counts as the
+/// end of the flight.
 pub const SUMMARY_PERIOD_NS: i64 = 10_000_000_000;
 
-/// A flight that is being recorded.
 pub struct FlightRecording {
     path: PathBuf,
     to: Option<SyncSender<FlightSummary>>,
     thread: Option<JoinHandle<()>>,
-    /// Lock that shows that the flight runs.
     _lock: Option<File>,
 }
 
 impl FlightRecording {
-    /// Begins a flight in `directory`, in which all flights together take at most `max_bytes`. A failure is reported,
-    /// and the processes continue without a recording.
+    /// Begins a flight in `directory`, in which all flights together use at most `max_bytes`. A failure is reported,
+    /// and the processes continue without recording.
     pub fn begin(directory: &Path, max_bytes: u64) -> FlightRecording {
         let (path, lock) = store::begin(directory);
         match &lock {
@@ -98,7 +95,7 @@ fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<FlightSummary>
             room_ns = steady_ns().saturating_add(ROOM_PERIOD_NS);
             match room.make(root, own) {
                 Ok(removed) => removed.iter().for_each(report),
-                // This failure was reported at the start.
+                // This failure was already reported at the start.
                 Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
                 Err(e) => warn!("{}: making room for this flight: {e}", root.display()),
             }

@@ -25,7 +25,7 @@ pub struct StoredFlight {
 }
 
 impl StoredFlight {
-    /// The flight at `path`; None for another name.
+    /// The flight at `path`; None if the name is not a flight's.
     pub fn of(path: &Path) -> Option<StoredFlight> {
         let name = path.file_name()?.to_str()?;
         let (begun, number) = name.split_once('-')?;
@@ -54,7 +54,7 @@ impl StoredFlight {
         let all = parts(&self.path).unwrap_or_default();
         (all.len(), all.iter().filter(|p| !is_whole(p)).count())
     }
-    /// The summary; the length of a flight that was cut off comes from the times of its files.
+    /// The summary; the duration of a flight that was cut off follows from the times of its files.
     pub fn summary(&self) -> Option<FlightSummary> {
         let mut summary = FlightSummary::read(&self.path)?;
         let written = |path: &Path| std::fs::metadata(path).and_then(|m| m.modified()).ok();
@@ -68,7 +68,7 @@ impl StoredFlight {
     }
 }
 
-/// Flights below `root`, the oldest first.
+/// Flights below `root`, oldest first.
 pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     let mut found: Vec<StoredFlight> = std::fs::read_dir(root)?
         .flatten()
@@ -81,14 +81,13 @@ pub fn flights(root: &Path) -> io::Result<Vec<StoredFlight>> {
     Ok(found)
 }
 
-/// Whether `directory` is that of one flight, by its files, because the directory of `land --log` has another
-/// name.
+/// Whether `directory` holds one flight, judged by its files, because the directory of `land --log` has another name.
 pub fn is_flight(directory: &Path) -> bool {
     directory.join(SUMMARY_FILE).is_file() || parts(directory).is_ok_and(|p| !p.is_empty())
 }
 
-/// Begins a flight below `root`: its directory, and the lock that shows that it runs. Returns the path even
-/// if the directory cannot be created: the processes retry.
+/// Begins a flight below `root`: creates its directory and the lock that marks it as running. Returns the path even
+/// if the directory cannot be created, because the processes retry.
 pub fn begin(root: &Path) -> (PathBuf, io::Result<File>) {
     let stamp = stamp(OffsetDateTime::now_utc());
     let made = std::fs::create_dir_all(root);
@@ -121,7 +120,6 @@ fn lock(root: &Path, path: &Path) -> io::Result<File> {
     Ok(directory)
 }
 
-/// UTC, for example 20261125T181500Z.
 fn stamp(t: OffsetDateTime) -> String {
     let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
     let (hour, minute, second) = t.to_hms();
@@ -131,18 +129,16 @@ fn stamp(t: OffsetDateTime) -> String {
     )
 }
 
-/// Flight or part that was removed to free space.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Removed {
     Flight(PathBuf),
-    /// The oldest part of the current flight, which can then no longer be replayed; the last resort.
+    /// The oldest part of the current flight, which then can no longer be replayed; the last resort.
     Part(PathBuf),
 }
 
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
     pub max_bytes: u64,
-    /// Bytes that stay free.
     pub min_free_bytes: u64,
 }
 
@@ -154,8 +150,8 @@ impl Room {
             min_free_bytes: 2 * MIN_FREE_BYTES,
         }
     }
-    /// Removes the oldest ended flights below `root` until there is room; if `current` alone is too large,
-    /// its oldest parts.
+    /// Removes the oldest ended flights below `root` until there is enough room; if `current` alone is too large, its
+    /// oldest parts.
     pub fn make(&self, root: &Path, current: &Path) -> io::Result<Vec<Removed>> {
         let sized = |f: StoredFlight| {
             let bytes = f.bytes();
@@ -190,8 +186,8 @@ impl Room {
     }
 }
 
-/// Parts of a running flight with their sizes, oldest first, without the newest part of each process, which
-/// is being written.
+/// Parts of a running flight with their sizes, oldest first, without the newest part of each process, which is still
+/// being written.
 fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
     let mut all: Vec<_> = std::fs::read_dir(directory)
         .into_iter()
@@ -220,12 +216,12 @@ fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
 mod tests {
     use super::*;
 
-    /// Directory of flights, with a part of 1000 bytes for each process.
+    /// Directory of flights, each with a part of 1000 bytes for each process.
     fn root(name: &str, numbers: &[u32]) -> PathBuf {
         let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
         let _none = std::fs::remove_dir_all(&root);
         for number in numbers {
-            // Without a receiver, the computer's clock starts again from an old time.
+            // Without a GNSS receiver, the computer's clock starts from an old time again.
             let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
             std::fs::create_dir_all(&path).unwrap();
             for process in ["pilot", "mission"] {
@@ -271,7 +267,7 @@ mod tests {
         let runs = File::open(&other.path).unwrap();
         runs.try_lock().unwrap();
         assert!(other.is_running() && !all[1].is_running());
-        // The newest part of each of two processes is being written.
+        // The newest part of each of two processes is still being written.
         for number in 2..5 {
             let part = current.join(format!("pilot-00000007-{number:03}.mcap"));
             std::fs::write(&part, [0; 1000]).unwrap();
@@ -305,7 +301,7 @@ mod tests {
         assert!(StoredFlight::of(Path::new("notes")).is_none());
         assert!(StoredFlight::of(Path::new("20261125X181500Z-0001")).is_none());
         std::fs::remove_dir_all(&root).unwrap();
-        // With a file in its place the directory cannot be created: the path is returned with the reason.
+        // A file in its place prevents the directory: the path is returned with the reason.
         std::fs::write(&root, "").unwrap();
         let (path, lock) = begin(&root);
         assert!(path.starts_with(&root) && lock.is_err());

@@ -1,4 +1,4 @@
-//! The summary of a flight: states, outcome and metrics, in a small file next to the parts.
+//! Summary of a flight: states, outcome and metrics, in a small file next to the parts.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -14,11 +14,11 @@ pub const SUMMARY_FILE: &str = "flight.json";
 const MAX_PHASES: usize = 200;
 const MAX_BYTES: u64 = 1 << 20;
 
-/// Entry of a state, with its reason.
+/// Time at which a state was entered, and the reason.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PhaseEntry {
     pub t_s: f64,
-    /// State; on the vessel, after the drone's number.
+    /// State; on the vessel, preceded by the drone's number.
     pub state: String,
     pub reason: String,
 }
@@ -26,15 +26,14 @@ pub struct PhaseEntry {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FlightSummary {
-    /// drone-1, vessel-1.
+    /// Name of the computer, such as drone-1 or vessel-1.
     pub computer: String,
     pub program: String,
     pub length_s: f64,
-    /// True: the processes were asked to end; false: they run, or power was lost.
+    /// True: the processes were asked to end; false: they still run, or power was lost.
     pub ended: bool,
     pub outcome: String,
     pub reason: String,
-    /// The newest 200 states, in order.
     pub phases: Vec<PhaseEntry>,
     pub time_in_s: BTreeMap<String, f64>,
     /// Metrics; each name ends in its unit.
@@ -66,7 +65,7 @@ impl FlightSummary {
         file.take(MAX_BYTES).read_to_string(&mut text).ok()?;
         serde_json::from_str(&text).ok()
     }
-    /// Replaces the file atomically: a power cut leaves the old or the new one.
+    /// Replaces the file atomically: a power cut leaves either the old or the new one.
     pub fn write(&self, directory: &Path) -> io::Result<()> {
         let path = directory.join(SUMMARY_FILE);
         replace(&path, &serde_json::to_vec_pretty(self)?, true)

@@ -21,24 +21,24 @@ pub struct RehearseArgs {
     pub drone_config: Option<PathBuf>,
     /// Program to rehearse [default: this one]
     ///
-    /// Its services run, such as those of a package's /usr/bin/alight.
+    /// Its services are run, for example those of a package's /usr/bin/alight.
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
     /// Seed of sea, noise and start
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
     pub seed: u64,
-    /// Sea, as of `alight trial`
+    /// Sea, as for `alight trial`
     #[arg(long, default_value = "moderate", hide_possible_values = true, value_parser = sea())]
     pub sea: SeaArg,
     /// Kill or freeze a process: KIND:PHASE|contact, such as vessel-restarted:tracking
     ///
-    /// A process is frozen for 0.2 to 2 s, in a phase or at the first contact, as with `alight land`; on the vessel the
-    /// whole service is killed and restarted as by systemd.
+    /// The fault occurs in a phase or at the first contact, as with `alight land`; a freeze lasts 0.2 to 2 s. On the
+    /// vessel the whole service is killed and restarted as by systemd.
     #[arg(long, value_name = "FAULT")]
     pub fault: Option<FaultSpec>,
     /// Simulated autopilot's firmware [default: px4]
     ///
-    /// With --autopilot-at it is the firmware that flies.
+    /// With --autopilot-at it names the firmware that flies.
     #[arg(long, value_name = "NAME", value_enum)]
     pub autopilot: Option<AutopilotArg>,
     /// MAVLink of a maker's firmware, such as udpin://127.0.0.1:14540 (alight help firmware)
@@ -53,7 +53,7 @@ pub struct RehearseArgs {
     pub firmware: Option<PathBuf>,
     /// Time before the order to land, s [default: 40]
     ///
-    /// It begins once the vehicles are there. With --autopilot-at the default is 180.
+    /// It begins once the vehicles have appeared. With --autopilot-at the default is 180.
     #[arg(long, value_name = "TIME", value_parser = seconds(10..=600))]
     pub warm_up: Option<u32>,
     /// Maximum time of the landing, s

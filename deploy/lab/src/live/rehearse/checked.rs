@@ -1,12 +1,11 @@
 use serde_json::Value;
 
 const PARAMETERS: &str = "parameters";
-/// Topics of findings on the autopilot itself.
 const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 
-/// Whether the computer passes, and the counts of its findings. A `firmware` that starts with the rehearsal
-/// receives its parameters during the warm-up, after this check: findings on them are shown, and checked
-/// again before the landing ([`fitness`]).
+/// Whether the computer passes, and the counts of its findings. A `firmware` that starts with the rehearsal receives
+/// its parameters during the warm-up, after this check: findings on them are shown, and checked again before the
+/// landing ([`fitness`]).
 pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     let count = |level: &str| findings.iter().filter(|f| f["level"] == level).count();
     let later = |f: &&Value| firmware && f["level"] == "broken" && f["topic"] == PARAMETERS;
@@ -22,8 +21,8 @@ pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     (broken == later && !findings.is_empty(), figure)
 }
 
-/// Whether a firmware is fit for a landing at the end of the warm-up. `rejection` is the reason against it
-/// from the link that reads its parameters.
+/// Whether a firmware is fit for a landing at the end of the warm-up. `rejection` is the reason against it, from the
+/// link that reads its parameters.
 pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     match rejection {
         Some("") => (true, "its parameters suit a landing, and it has an origin".into()),
@@ -32,8 +31,8 @@ pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     }
 }
 
-/// Findings in the output of the check (`--json`). Without a `firmware`, findings on the simulated autopilot
-/// are omitted, because they do not concern the installer.
+/// Findings in the output of the check (`--json`). Without a `firmware`, findings on the simulated autopilot are
+/// omitted, because they do not concern the installer.
 pub fn findings(printed: &[u8], firmware: bool) -> Vec<Value> {
     let printed: Value = serde_json::from_slice(printed).unwrap_or_default();
     let mut findings = printed["findings"].as_array().cloned().unwrap_or_default();

@@ -1,5 +1,5 @@
-//! The installer's two files, changed in a copy (device paths, addresses, keys, a mode in which a pilot
-//! flies), and the world that they describe.
+//! Copies of the installer's two files with changes (device paths, addresses, keys, a mode in place of one that needs
+//! a pilot), and the world that they describe.
 
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -27,12 +27,11 @@ use crate::live::serial_lines::assigned;
 
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
 const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");
-/// Validity of a rehearsal's certificates, days: `alight check` warns of fewer than 30.
+/// Validity of a rehearsal's certificates, days: `alight check` warns below 30.
 const DAYS: u32 = 60;
 /// Minimum time until the vehicles start, at a full second of the steady clock, ns.
 const RUN_UP_NS: i64 = 1_000_000_000;
 const SECOND_NS: i64 = 1_000_000_000;
-/// Serial line of the drone's own GNSS receiver.
 const RECEIVER: &str = "tty-receiver";
 /// Address at which the computers reach each other.
 const HOST: &str = "127.0.0.1";
@@ -45,7 +44,7 @@ pub struct Directory {
 
 impl Directory {
     fn make(keep: Option<&Path>) -> Result<Directory, CliError> {
-        // Not the instance's directory, which is alight-rehearse-NUMBER and is emptied when it starts.
+        // Not the instance's directory, which is alight-rehearse-NUMBER and is emptied when the instance starts.
         let own = || std::env::temp_dir().join(format!("alight-rehearsal-{}", std::process::id()));
         let path = keep.map_or_else(own, Path::to_path_buf);
         let mut builder = std::fs::DirBuilder::new();
@@ -76,7 +75,6 @@ impl Drop for Directory {
 }
 
 pub struct RehearsalPlan {
-    /// Configuration with which the vessel's computer starts.
     pub vessel: VesselComputerConfig,
     pub drone: DroneComputerConfig,
     pub world: SimulatedWorld,
@@ -87,13 +85,12 @@ pub struct RehearsalPlan {
 }
 
 impl RehearsalPlan {
-    /// Reads the installer's files and writes the changed copies.
     pub fn of(args: &RehearseArgs) -> Result<RehearsalPlan, CliError> {
         let (mut vessel_file, mut drone_file) = (
             table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,
             table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
         );
-        // The installer's text is judged before any change.
+        // The installer's text is checked before any change.
         let vessel: VesselComputerConfig = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
         let drone: DroneComputerConfig = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
         let connect = autopilot_link(args)?;
@@ -176,7 +173,7 @@ fn change_drone(
     set_recorder(file, "drone", &drone.recorder, directory);
     set(file, &[], "instance", format!("rehearse-{}", std::process::id()));
     set(file, &["autopilot"], "connect", connect);
-    // The sequence of first flights begins with a pilot, which a rehearsal does not have.
+    // The sequence of first flights begins with a pilot, and a rehearsal has none.
     if drone.drone.mission.mode == LandingMode::Shadow {
         set(file, &["drone", "mission"], "mode", "land");
     }
@@ -185,13 +182,13 @@ fn change_drone(
         set(file, &["autopilot"], "receiver", line);
     }
     set(file, &["camera"], "source", camera.display().to_string());
-    // The simulated deck carries no markers.
+    // The simulated deck has no markers.
     if drone.uvdar.at_rate(1.0).is_there() {
         set(file, &["uvdar"], "source", "");
     }
 }
 
-/// Records to the rehearsal's directory, so that other flights stay unchanged.
+/// Records to the rehearsal's directory, so that other recorded flights are not removed.
 fn set_recorder(file: &mut Table, name: &str, recorder: &RecorderConfig, directory: &Directory) {
     if !recorder.directory.is_empty() {
         let flights = directory.file("flights").join(name);
@@ -228,7 +225,7 @@ where
     Ok(config::load(path)?)
 }
 
-/// Sets a key in nested tables, which the file has because it was parsed before.
+/// Sets a key in nested tables, which exist because the file was parsed before.
 fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     let mut at = file;
     for name in within {
@@ -239,7 +236,8 @@ fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     at.insert(key.into(), value.into());
 }
 
-/// Sets the endpoint and, if the files need them, the certificates of both computers; returns their names.
+/// Sets the endpoint and, if the files need them, the certificates of both computers; returns the certificates'
+/// names.
 fn radio(
     directory: &Directory,
     (vessel, vessel_file): (&VesselComputerConfig, &mut Table),
@@ -283,8 +281,8 @@ fn tty(name: &str) -> String {
     format!("tty-{}", name.chars().map(plain).collect::<String>())
 }
 
-/// The installer's sensors, each on its own line; if the file has none yet, the receiver, compass and
-/// inertial sensor of its examples.
+/// The installer's sensors, each on a separate line; if the file has none yet, the receiver, compass and inertial
+/// sensor of its examples.
 fn sources(vessel: &VesselComputerConfig, directory: &Directory) -> Vec<SourceConfig> {
     let mut sources = vessel.sensor.sources.clone();
     if sources.is_empty() {

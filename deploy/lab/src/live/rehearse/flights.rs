@@ -18,7 +18,7 @@ pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {
     }
 }
 
-/// Whether the newest flight has a landing, and its size.
+/// Whether the newest flight has a landing, and the size of the flight.
 fn newest(root: &Path) -> (bool, String) {
     let all = store::flights(root).unwrap_or_default();
     let Some(flight) = all.last() else {

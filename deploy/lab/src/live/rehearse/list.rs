@@ -1,4 +1,4 @@
-//! Results at each step of deploy/docs/install.md.
+//! Results of each step of deploy/docs/install.md.
 
 use alight_computer::terminal::note;
 use serde::Serialize;
@@ -29,7 +29,7 @@ pub struct CheckList {
 }
 
 impl CheckList {
-    /// Check list on standard output, or on standard error if standard output holds a result for programs.
+    /// Check list on standard output, or on standard error if standard output carries a result for programs.
     pub fn new(alone: bool) -> CheckList {
         CheckList {
             alone,

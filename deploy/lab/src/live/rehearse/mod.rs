@@ -1,9 +1,9 @@
-//! `alight rehearse`: runs the contents of the two packages against the simulated world in real time, and
-//! prints the check list of deploy/docs/install.md with results.
+//! `alight rehearse`: runs the contents of the two packages against the simulated world in real time, and prints the
+//! check list of deploy/docs/install.md with results.
 //!
-//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of
-//! receiver, compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only the
-//! vehicles are simulated.
+//! Services, configurations, certificates, commands and devices are those of a vessel and a drone: bytes of receiver,
+//! compass and inertial sensor on serial lines, raw images in a pipe, MAVLink over UDP. Only the vehicles are
+//! simulated.
 
 pub mod args;
 mod checked;
@@ -45,12 +45,12 @@ use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
 const POLL: Duration = Duration::from_millis(20);
 /// Time limit after the world's start for the simulated sensors' first data, s.
 const WORLD_S: f64 = 20.0;
-/// Time limit after the warm-up for link, clocks and sensors to meet install.md's conditions, s.
+/// Time limit after the warm-up for link, clocks and sensors to meet the conditions of install.md, s.
 const KNOWN_S: f64 = 30.0;
 /// Conditions of install.md before a landing: age of the link, s, and error of the clocks, s.
 const LINK_AGE_S: f64 = 0.2;
 const CLOCK_SD_S: f64 = 0.01;
-/// Further time for the world's verdict, s: the world waits for the drone to come to rest.
+/// Additional time for the world's verdict, s: the world waits for the drone to come to rest.
 const VERDICT_S: f64 = 5.0;
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -70,12 +70,12 @@ struct Rehearsed<'a> {
 }
 
 pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
-    // The first call installs the handler: from here on a signal ends the rehearsal in order.
+    // The first call installs the handler, so that from here on a signal ends the rehearsal in an orderly way.
     if end_requested() {
         return Ok(Exit::Failed);
     }
     scheduling::raise();
-    // An external firmware flies in another session, which also has to run in real time.
+    // An external firmware flies in another session, which must also run in real time.
     let _session = args.autopilot_at.is_none().then(scheduling::raise_session);
     let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
@@ -133,7 +133,7 @@ struct Rehearsal<'a> {
     sensing: bool,
     stop: Arc<AtomicBool>,
     state: State,
-    /// Time since the command, s; state; reason for entering it.
+    /// Time since the command, s; state; reason for entering the state.
     states: Vec<(f64, &'static str, String)>,
     commanded_ns: i64,
     armed: Option<bool>,
@@ -204,11 +204,10 @@ impl<'a> Rehearsal<'a> {
     fn has_verdict(&self) -> bool {
         self.landed.is_some() || self.too_slow.is_some()
     }
-    /// Polls the world, the services and their messages once.
     fn poll(&mut self, list: &CheckList) -> Result<(), CliError> {
         self.receive_report();
         if !self.world.poll() && !self.has_verdict() {
-            // Its last line may still be in transit.
+            // The last line of the ended service may still be in transit.
             pause(10 * POLL);
             self.receive_report();
             if !self.has_verdict() {
@@ -219,7 +218,7 @@ impl<'a> Rehearsal<'a> {
         for service in [&mut self.vessel, &mut self.drone].into_iter().flatten() {
             service.keep()?;
         }
-        // Its newest reports are read later.
+        // The newest reports are read by later calls.
         let _none = self.aboard.poll();
         if let Some((_, observer)) = &mut self.observer {
             observer.poll();
@@ -269,7 +268,6 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(())
     }
-    /// Polls until `met`, for at most `timeout_s`.
     fn until(
         &mut self,
         list: &CheckList,
@@ -294,7 +292,6 @@ impl<'a> Rehearsal<'a> {
             pause(POLL);
         }
     }
-    /// Time since the start of the landing in the world, s.
     fn world_s(&self) -> f64 {
         (steady_ns() - self.plan.world.epoch_ns) as f64 * 1e-9 - self.args.warm_up_s()
     }
@@ -309,11 +306,11 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(waited)
     }
-    /// Runs `alight check` on the vessel before its service starts; it receives the sensors.
+    /// Runs `alight check` on the vessel before its service starts; the check receives the sensors.
     fn check_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.check("vessel", list)
     }
-    /// Runs `alight check` on the drone, which checks whether the vessel answers.
+    /// Runs `alight check` on the drone; the check tests whether the vessel answers.
     fn check_drone(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.check("drone", list)
     }
@@ -335,7 +332,7 @@ impl<'a> Rehearsal<'a> {
         }
         Ok(Waited::Met)
     }
-    /// Runs a command of the program to its end; None if the rehearsal is stopped meanwhile.
+    /// Runs a command of the program to completion; None if the rehearsal is stopped meanwhile.
     fn ask(&mut self, list: &CheckList, arguments: &[&str]) -> Result<Option<Output>, CliError> {
         let doing = format!("running {} {}", self.program.display(), arguments.join(" "));
         let mut child: Child = command(&self.program, arguments).spawn().doing(&doing)?;
@@ -351,7 +348,7 @@ impl<'a> Rehearsal<'a> {
 
     fn start_vessel(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         let directory = self.plan.directory.path();
-        // State as the package leaves it: the crew found the deck free.
+        // State after the package's installation, with a deck that the crew has found free.
         deck_file::write_first(directory, &self.plan.vessel).map_err(CliError)?;
         self.vessel = Some(Service::start("vessel", &[&self.program], directory, &[])?);
         self.await_ready(list, list::VESSEL, "alight-vessel", |r| r.vessel.as_ref())
@@ -484,7 +481,7 @@ impl<'a> Rehearsal<'a> {
 
 impl Drop for Rehearsal<'_> {
     fn drop(&mut self) {
-        // The observer ends before the drone's memory. Every service is asked to end before one is awaited.
+        // The observer ends before the drone's memory. Every service is asked to end before any is awaited.
         self.observer = None;
         self.aboard.leave();
         for service in [&mut self.drone, &mut self.vessel].into_iter().flatten() {

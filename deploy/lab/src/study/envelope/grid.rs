@@ -10,17 +10,17 @@ use crate::args::EnvelopeArgs;
 const FULL_MPS: [f64; 7] = [2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 14.0];
 const QUICK_MPS: [f64; 5] = [4.0, 6.0, 8.0, 10.0, 12.0];
 
-/// Conditions to fly: relative winds (10 m above the water, m/s) from directions all round, in sea states,
-/// with `trials` landings per cell.
+/// Conditions to fly: relative winds (10 m above the water, m/s) from directions all round, in sea states, with
+/// `trials` landings per cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnvelopeGrid {
-    /// WMO code table 3700.
+    /// Sea states by WMO code table 3700.
     pub states: Vec<u8>,
     pub winds: Vec<f64>,
     /// Number of evenly spaced directions, the first from ahead.
     pub directions: u16,
     pub trials: u32,
-    /// Landing rate required up to the limit.
+    /// Landing rate that every wind up to the limit must reach.
     pub rate: f64,
 }
 
@@ -30,7 +30,6 @@ pub enum Class {
     Landed,
     /// No landing was unsafe, but the rate was not reached.
     Rejected,
-    /// At least one landing was unsafe.
     Unsafe,
 }
 
@@ -68,14 +67,14 @@ impl EnvelopeCell {
     pub fn class(&self, rate: f64) -> Class {
         if self.unsafe_count() > 0 {
             Class::Unsafe
-        // 0.55 times 20 is a little more than 11 in floating point.
+        // The tolerance covers rounding: 0.55 times 20 is a little more than 11 in floating point.
         } else if self.landed as f64 >= rate * self.trials as f64 - 1e-6 {
             Class::Landed
         } else {
             Class::Rejected
         }
     }
-    /// Whether a landing rate of at least `rate` is shown.
+    /// Whether the trials show a landing rate of at least `rate`.
     fn is_within(&self, rate: f64) -> bool {
         self.unsafe_count() == 0 && wilson(self.landed, self.trials).0 >= rate
     }
@@ -150,7 +149,8 @@ impl EnvelopeGrid {
         let winds = self.states.iter().flat_map(winds_of);
         winds.flat_map(|(state, wind)| self.bearings().map(move |from| (state, wind, from)))
     }
-    /// Force with which the deck has to hold in every wind from this direction, N; None if 1 kN does not suffice.
+    /// Force with which the deck has to hold the drone in every wind from this direction, N; None if 1 kN does not
+    /// suffice.
     pub fn hold_n(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()
@@ -158,8 +158,8 @@ impl EnvelopeGrid {
         here.map(|c| c.hold_n)
             .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
-    /// Fastest wind, m/s, up to which every wind from this direction is within the limit; None if the
-    /// lightest is not.
+    /// Fastest wind, m/s, up to which every wind from this direction is within the limit; None if the lightest is
+    /// not.
     pub fn limit(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
         let here = cells
             .iter()

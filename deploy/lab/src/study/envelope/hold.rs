@@ -1,5 +1,5 @@
-//! Force with which the deck has to hold a landed drone (`hold_n`), from the boat's motion in a cell's sea
-//! and wind, with the probability of staying that the mission requires.
+//! Force with which the deck has to hold a landed drone (`hold_n`), computed from the boat's motion in a cell's sea
+//! and wind for the probability of staying that the mission requires.
 
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use super::super::rows::StudyRow;
 use crate::trials::{in_parallel, seeds};
 
-/// Number of draws of the sea, each of which needs its own force.
+/// Number of draws of the sea, each of which requires a separate force.
 const DRAWS: u32 = 3;
 
 /// Force for each scene, N, that suffices in every draw; None if 1 kN does not suffice.
@@ -23,14 +23,14 @@ pub fn needed_n(scenes: &[StudyRow], seed0: u64, jobs: Option<u16>) -> Result<Ve
     })
 }
 
-/// Force in one draw of the sea, by the steepest apparent slopes in two minutes of the deck's true motion.
+/// Force in one draw of the sea, from the steepest apparent slopes in two minutes of the deck's true motion.
 fn of_draw(row: &StudyRow, seed: u64) -> Result<Option<f64>, CliError> {
     let (world, nodes) = (&row.world, &row.nodes);
     let mut physics = Physics::new(world, seed).doing(format_args!(
         "setting up the deck of seed {seed} at {}",
         row.scenario
     ))?;
-    // The hull is put into the sea at rest.
+    // The simulation places the hull in the sea at rest, so the transient is skipped.
     while physics.now() < physics.started() {
         physics.advance();
     }

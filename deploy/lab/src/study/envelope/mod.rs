@@ -1,5 +1,5 @@
-//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a
-//! polar diagram (navies call it ship-helicopter operating limits).
+//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a polar
+//! diagram (navies call it ship-helicopter operating limits).
 
 mod grid;
 mod hold;
@@ -183,8 +183,8 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Bound on unsafe landings over the whole grid. All cells use the same seeds, so only the landings of one
-/// cell are independent of each other.
+/// Bound on unsafe landings over the whole grid. All cells use the same seeds, so only the landings of one cell are
+/// independent of each other.
 fn bound(cells: &[EnvelopeCell]) -> String {
     let seeds: BTreeSet<u64> = cells.iter().flat_map(|c| &c.unsafe_seeds).copied().collect();
     let draws = cells.iter().map(|c| c.trials).max().unwrap_or_default();
@@ -210,7 +210,6 @@ fn by_direction(grid: &EnvelopeGrid, figure: impl Fn(u8, f64) -> Option<f64>) ->
     table
 }
 
-/// First unsafe landings, each with its replay command.
 fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<String> {
     let line = |o: &Outcome| {
         let row = rows.iter().find(|r| r.scenario == o.sea);
@@ -418,7 +417,8 @@ mod tests {
         };
         assert_eq!(needed(&[4.0, 8.0]), Some(32.0));
         assert_eq!(needed(&[4.0, 8.0, 12.0]), None);
-        // In a breeze astern of a boat at rest in sea state 1 friction suffices; in state 4 from abeam it does not.
+        // In a breeze from astern, a boat at rest in sea state 1 needs only friction; in state 4 from abeam friction
+        // does not suffice.
         let base = base(&args("--hull mono-5m")).unwrap();
         let scenes = [(1, 3.0, 180.0), (4, 10.0, 90.0)].map(|c| scene(&base, c));
         let force = hold::needed_n(&scenes, 1, Some(1)).unwrap();
@@ -428,7 +428,7 @@ mod tests {
 
     #[test]
     fn envelope_colours_by_the_fraction_that_landed() {
-        // The darker one of two cells of the landed class has more landings.
+        // In the landed class, the darker of two cells has more landings.
         let light = |landed: f64| {
             let c = polar::colour(Class::Landed, landed / 5.0);
             0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2)

@@ -1,5 +1,5 @@
 //! Polar diagram of an envelope as SVG: a circle for each sea state, bow up, a ring for each wind, a cell for each
-//! direction that the wind comes from. The blue of a cell shows the fraction that landed, its pattern the class:
+//! direction from which the wind blows. The blue of a cell shows the fraction that landed, the pattern its class:
 //! landed, rejected or unsafe.
 
 use core::f64::consts::TAU;
@@ -12,9 +12,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::grid::{Class, EnvelopeCell, EnvelopeGrid};
 
-/// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every
-/// landing. Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision.
-/// Black text on these colours has a contrast of at least 5.
+/// Ends of the colour scale of the fraction that landed, none to all: ColorBrewer's Blues, darker with every landing.
+/// Unsafe is Okabe and Ito's vermilion, which differs from them for every kind of colour vision. Black text on these
+/// colours has a contrast of at least 5.
 const NONE_LANDED: RGBColor = RGBColor(222, 235, 247);
 const ALL_LANDED: RGBColor = RGBColor(49, 130, 189);
 const UNSAFE: RGBColor = RGBColor(213, 94, 0);
@@ -26,7 +26,7 @@ const FOOT: u32 = 120;
 /// Fraction of the radius for the boat in the middle.
 const HUB: f64 = 0.25;
 const COLUMNS: usize = 3;
-/// Maximum side of a polyline for an arc, rad: it deviates from a circle of 160 px by 0.2 px.
+/// Maximum angle per side of a polyline for an arc, rad: it deviates from a circle of 160 px radius by 0.2 px.
 const MAX_STEP: f64 = 0.1;
 
 type Plane<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
@@ -43,7 +43,7 @@ fn arc(radius: f64, [from, to]: [f64; 2]) -> impl DoubleEndedIterator<Item = (f6
 fn wedge([inner, outer]: [f64; 2], angles: [f64; 2]) -> Vec<(f64, f64)> {
     arc(outer, angles).chain(arc(inner, angles).rev()).collect()
 }
-/// Colour of a class of which this fraction landed, 0 to 1.
+/// Colour of a class in which this fraction landed, 0 to 1.
 pub fn colour(class: Class, landed: f64) -> RGBColor {
     let fraction = landed.clamp(0.0, 1.0);
     let between =
@@ -201,7 +201,7 @@ fn polar(plane: &mut Plane<'_, '_>, grid: &EnvelopeGrid, cells: &[EnvelopeCell],
         plane.draw_series([PathElement::new(closed, LINE.stroke_width(3))])?;
     }
     for (label, place, back) in labels {
-        // A plain ground under the count keeps the pattern from crossing it.
+        // A plain background behind the count keeps the pattern from crossing it.
         let half_px = (3 * label.len() as i32 + 2, 7);
         let ground = Rectangle::new([(-half_px.0, -half_px.1), (half_px.0, half_px.1)], back.filled());
         let count = Text::new(label, (0, 0), text(11));

@@ -74,7 +74,6 @@ fn wave(confidence: f32) -> WaveModel<DroneClock> {
         advice: None,
     }
 }
-/// A drone that holds, ready to land.
 fn ready() -> Snapshot {
     let mut snapshot = flying();
     snapshot.autopilot = came(AutopilotState::default());
@@ -373,8 +372,8 @@ fn deck_of_other_dimensions_by_the_vessel() {
     assert!(names_both(1.9) && !names_both(1.7));
 }
 
-/// Rows of the table in `deploy/docs/view.md`: state, reason for entering it, ages of radio, camera and mission (s),
-/// alarm, and the text of the page.
+/// Columns as in the table in `deploy/docs/view.md`: state, reason for entering it, ages of radio, camera and mission
+/// (s), alarm, and the text of the page.
 #[test]
 fn page_in_each_state_with_each_loss() {
     let rows = [

@@ -118,7 +118,7 @@ fn vessel_speed_while_it_is_known() {
     assert_eq!(speed(&estimator, true).value, None);
 }
 
-/// Changes of a vessel, with the level and topic of the resulting finding.
+/// Changes to a vessel, each with the level and topic of the resulting finding.
 const FAULTS: [(Change<'static>, FindingLevel, &str); 26] = [
     (
         &|w| w.status.deck.closed = Some(Closure::Crew),
@@ -330,8 +330,8 @@ fn vessel_with_more_endpoints_than_reported() {
     );
 }
 
-/// Before the vessel's first report, the certificate is judged by its topic alone; topics that need the
-/// report are not judged.
+/// Before the vessel's first report, the certificate is judged by its topic alone; topics that need the report are
+/// not judged.
 #[test]
 fn vessel_certificate_by_its_topic_alone() {
     let mut v = vessel();

@@ -1,5 +1,5 @@
-//! Reads the autopilot's parameters, origin and heights as the link does before a landing. Sends only
-//! heartbeats and requests.
+//! Reads the autopilot's parameters, origin and heights as the link does before a landing. Sends only heartbeats and
+//! requests.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -23,11 +23,11 @@ use tokio::time::{Instant, timeout_at};
 use crate::tools::check::facts::AutopilotReport;
 
 const ROUND: std::time::Duration = std::time::Duration::from_millis(10);
-/// Reads of the link: 9 s, of which the timeout of a parameter that is never reported takes 5 s.
+/// Maximum number of reads of the link: 9 s, including 5 s of timeout for a parameter that is never reported.
 const ROUNDS: u32 = 900;
-/// Reads after which an autopilot without a heartbeat is absent: three usual periods.
+/// Number of reads after which an autopilot without a heartbeat counts as absent: three typical heartbeat periods.
 const ROUNDS_WITHOUT: u32 = 300;
-/// Reads during which other vehicles' heartbeats are awaited: one and a half usual periods.
+/// Number of reads for other vehicles' heartbeats: one and a half typical heartbeat periods.
 const ROUNDS_FOR_OTHERS: u32 = 150;
 const HEARTBEAT: Span = Span::from_millis(1000);
 
@@ -127,7 +127,7 @@ impl Inquiry<'_> {
         }
     }
 
-    /// System number of the requests: the configured one, otherwise the autopilot's.
+    /// System id to which requests are addressed: the configured one, otherwise the autopilot's.
     fn system(&self) -> u8 {
         match (self.computer.autopilot.system, &self.found) {
             (0, Some((from, _))) => from.system,
@@ -136,7 +136,7 @@ impl Inquiry<'_> {
         }
     }
 
-    /// Messages that are due: heartbeat, parameter request, requests of origin and heights.
+    /// Messages that are due: heartbeat, parameter request, requests for origin and heights.
     fn messages(&mut self, now: Time<DroneClock>) -> Vec<MavlinkMessage> {
         let own = MavlinkMessage::Heartbeat(Heartbeat {
             autopilot: NO_AUTOPILOT,

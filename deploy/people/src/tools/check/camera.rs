@@ -1,4 +1,4 @@
-//! Image of a camera, taken as by the camera's process or reported by that process.
+//! Image of a camera, taken in the same way as by the camera's process, or reported by that process.
 
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::Duration;
@@ -17,9 +17,9 @@ use alight_uav::camera::{ImageLight, TagSettings};
 
 use crate::tools::check::facts::CameraImages;
 
-/// Time during which images are examined, ns; long enough for the metering to converge.
+/// Time for which images are examined, ns; long enough for the metering to converge.
 const LOOK_NS: i64 = 2_000_000_000;
-/// Images per search for tags that are not the deck's; the search takes longer than an image period.
+/// Number of images per search for foreign tags; a search takes longer than an image period.
 const FINDER_PERIOD: u64 = 10;
 
 /// Examines images of `size` (width, height), px, from a device or from files for 2 s, and searches them for `tags`.
@@ -51,7 +51,7 @@ pub fn look(
     }
 }
 
-/// Sends the state after each image, until the images or the reader end.
+/// Sends the state after each image, until the images or the receiver end.
 fn show(
     config: &CameraSource,
     size: [usize; 2],
@@ -131,7 +131,8 @@ mod tests {
     use alight_uav::camera::GreyImage;
     use nalgebra::Vector3;
 
-    /// Image of a drone at `at` over a deck at the origin, `t_s` after the start, moved by `velocity` during the exposure.
+    /// Image from a drone at `at` above a deck at the origin, `t_s` after the start, with the motion `velocity`
+    /// during the exposure.
     fn rendered(renderer: &mut Renderer, at: [f64; 3], velocity: [f64; 3], t_s: f64) -> GreyImage {
         let mount = CameraMount {
             position: Vector3::zeros(),

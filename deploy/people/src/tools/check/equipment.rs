@@ -1,4 +1,4 @@
-//! Equipment class of the vessel by its sensors, and fit of the drone to its deck. `docs/envelope.md` has the tables.
+//! Equipment class of the vessel by its sensors, and fit of the drone on its deck. `docs/envelope.md` has the tables.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -15,24 +15,24 @@ use crate::tools::check::received::{KindStatistics, SensorStatistics};
 
 /// Rate below which a receiver counts as a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of receivers for autopilots.
 const SLOW_HZ: f64 = 2.5;
-/// Rate of inertial sensor and inertial navigation system in the measured landings, Hz.
+/// Rate of the inertial sensor and of the inertial navigation system in the measured landings, Hz.
 const MOTION_HZ: f64 = 20.0;
 /// Minimum rate of an attitude without inertial samples, Hz. Chosen: ten samples in a roll period of 2 s, the
-/// shortest of a small boat; compass sentences come once or twice a second.
+/// shortest of a small boat; compass sentences arrive at 1 or 2 Hz.
 pub const MIN_ATTITUDE_HZ: f64 = 5.0;
 /// Rate, Hz, and maximum age, s, of the slowest receiver in the measured landings.
 const RECEIVER_HZ: f64 = 1.0;
 const RECEIVER_AGE_S: f64 = 0.6;
-/// Sufficient fraction of a rate, because a rate over a short time is uncertain by one measurement.
+/// Fraction of a rate that suffices, because a rate over a short time is uncertain by one measurement.
 const NEARLY: f64 = 0.8;
-/// Heading errors in the measured landings, deg: a compass with an inertial sensor; two antennas of an
+/// Heading errors in the measured landings, deg: of a compass with an inertial sensor, and of two antennas of an
 /// inertial navigation system, by its maker's data sheet.
 const COMPASS_DEG: f64 = 3.0;
 const ANTENNAS_DEG: f64 = 1.0;
-/// Tilt error of an inertial navigation system, deg. Chosen: that of a small one; landings were measured with less.
+/// Tilt error of an inertial navigation system, deg. Chosen: typical of a small one; the measured landings had less.
 const TILT_DEG: f64 = 0.5;
-/// Offset of a principal point from the image's middle, as a fraction of a side, that indicates another image
-/// size. Chosen: makers keep it within some per cent; it is 0.5 for images twice as wide.
+/// Offset of a principal point from the image centre, as a fraction of a side, that indicates another image size.
+/// Chosen: real lenses are within some per cent; for images twice as wide the offset is 0.5.
 const OFF_MIDDLE: f64 = 0.2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,8 +51,9 @@ impl VesselClass {
         VesselClass::SlowReceiver,
         VesselClass::InertialNavigation,
     ];
-    /// 99th percentile of a landing's distance from the deck's centre, m, with sensors mounted well or 2 deg askew.
-    /// Source: 400 landings of each at Moderate without wind, seeds from 20000 (scenes of `study sensors`).
+    /// 99th percentile of a landing's distance from the deck's centre, m, with sensors mounted accurately or with an
+    /// error of 2 deg. Source: 400 landings of each at Moderate without wind, seeds from 20000 (scenes of `study
+    /// sensors`).
     const fn p99_m(self) -> f64 {
         match self {
             VesselClass::AutopilotAboard => 0.15,
@@ -73,7 +74,7 @@ impl VesselClass {
 enum Gap {
     /// Quantity without which the estimator does not start.
     Missing(&'static str),
-    /// Quantity that is slower than the deck's motion: its rate, Hz, and the required one.
+    /// Quantity that is too slow for the deck's motion: its rate, Hz, and the required rate.
     TooSlow(&'static str, f64, &'static str),
     /// Closest class, and the respects in which the sensors of the measured landings were better.
     Unmeasured(VesselClass, Vec<String>),
@@ -153,8 +154,8 @@ fn worse(alone: Option<KindStatistics>, gnss: &KindStatistics, heading: &KindSta
     all
 }
 
-/// Class of a vessel by the measurements of all its sources; None while a source gives nothing, which is a
-/// separate finding.
+/// Class of a vessel by the measurements of all its sources; None while a source yields no data, which is a separate
+/// finding.
 pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Finding> {
     const TOPIC: FindingTopic = FindingTopic("class");
     let gave_some = |source: &SourceCheck| {
@@ -189,8 +190,8 @@ pub fn vessel(sources: &[SourceCheck], given: &SensorStatistics) -> Option<Findi
     })
 }
 
-/// Whether the deck's dimensions match those that the vessel states, and whether 99 of 100 landings have all
-/// feet on the deck on a vessel of the class with the largest errors.
+/// Whether the deck's dimensions match those that the vessel states, and whether 99 of 100 landings have all feet on
+/// the deck, on a vessel of the class with the largest errors.
 pub fn deck(deck: &DeckGeometry, drone: &DroneGeometry, vessel: Option<DeckDimensions>) -> Finding {
     const TOPIC: FindingTopic = FindingTopic("deck");
     if let Some(why) = vessel.and_then(|vessel| deck.dimensions().differs_from(&vessel)) {
@@ -275,7 +276,7 @@ pub fn battery(mission: &MissionConfig) -> Finding {
     let full_s = mission.battery_endurance_s;
     if full_s > 0.0 {
         return TOPIC.fine(format!(
-            "a full battery counts for {full_s:.0} s of flight, whatever its gauge reads"
+            "a full battery is assumed to last {full_s:.0} s of flight, whatever its gauge reads"
         ));
     }
     TOPIC.warning(
@@ -285,7 +286,7 @@ pub fn battery(mission: &MissionConfig) -> Finding {
     )
 }
 
-/// Findings on camera calibrations that appear to be of another image size.
+/// Findings on camera calibrations that appear to belong to another image size.
 pub fn lenses(drone: &DroneComputerConfig) -> Vec<Finding> {
     let (tag, markers) = (&drone.drone.camera.lens, &drone.drone.camera.uvdar.lens);
     let belly = || {
@@ -342,7 +343,8 @@ mod tests {
             ..KindStatistics::default()
         }
     }
-    /// Sensors with these rates, Hz, or absent for zero. The attitude includes every optional quantity.
+    /// Sensors with these rates, Hz; a rate of zero means that the sensor is absent. The attitude includes every
+    /// optional quantity.
     fn given([imu, gnss, heading, attitude]: [f64; 4]) -> SensorStatistics {
         let some = |rate_hz: f64| (rate_hz > 0.0).then(|| at(rate_hz));
         SensorStatistics {
@@ -451,7 +453,7 @@ mod tests {
             "{found}"
         );
         assert_eq!(vessel(&[source([0; 4])], &slow), None);
-        // A source that sends only RTCM gives no measurements.
+        // A source that sends only RTCM yields no measurements.
         let mut base = source([0; 4]);
         base.received.as_mut().unwrap().1.newest_s = Some(1.0);
         assert!(vessel(&[source([0, 3, 25, 3]), base], &slow).is_some());
@@ -485,7 +487,7 @@ mod tests {
         drone.camera.source = "/dev/video0".into();
         drone.drone.camera.lens.centre_px = [317.1, 255.8];
         assert_eq!(lenses(&drone), []);
-        // Principal point of an image of 1280 x 720 px that also lies inside one of 640 x 480 px.
+        // Principal point of an image of 1280 x 720 px, which also lies within one of 640 x 480 px.
         drone.drone.camera.lens.centre_px = [638.2, 358.0];
         let found = lenses(&drone);
         assert!(

@@ -22,9 +22,9 @@ pub struct Identity {
     pub key: Result<(), String>,
     /// Permission bits; None if the key is missing.
     pub key_mode: Option<u32>,
-    /// The key belongs to the certificate; None if one of them cannot be read.
+    /// Whether key and certificate match; None if either cannot be read.
     pub key_fits: Option<bool>,
-    /// The authority made the certificate, by the key identifiers in both; None if one has none.
+    /// Whether the authority issued the certificate, by the key identifiers in both; None if either has none.
     pub of_authority: Option<bool>,
 }
 
@@ -47,7 +47,7 @@ pub enum PortState {
     Free,
     Busy,
     Unavailable(String),
-    /// Not an address that can be tried here.
+    /// The address cannot be tried here.
     Untried,
 }
 
@@ -55,7 +55,7 @@ pub enum PortState {
 pub enum Reach {
     Answers,
     Unreachable(String),
-    /// Datagrams: there is a route, but no answer before the session.
+    /// Datagrams: a route exists; the peer does not reply before the session.
     Routed,
 }
 
@@ -89,9 +89,8 @@ pub enum ReceiverReport {
         bytes: usize,
         newest: Option<RelativeReport>,
     },
-    /// A running process holds the receiver.
+    /// A running process owns the receiver.
     Held {
-        /// RTCM frames forwarded to it.
         rtcm: u64,
         /// State of the relative position in the forecast.
         state: Option<RelativeState>,
@@ -106,14 +105,14 @@ pub struct AutopilotReport {
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.
     pub geoid_m: Option<f64>,
-    /// System numbers of this and another vehicle whose autopilots are both received while no vehicle is configured.
+    /// System ids of two vehicles whose autopilots are both received while no vehicle is configured.
     pub several: Option<[u8; 2]>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct SigningCheck {
     pub path: String,
-    /// Permissions of that file, or the reason why it contains no key.
+    /// Permissions of the key file, or the reason why it contains no key.
     pub key: Result<u32, String>,
     pub received: Signatures,
     pub admitted: bool,
@@ -131,14 +130,14 @@ pub struct SharedMemory {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CameraImages {
     pub images: u64,
-    /// Exposure setting, or the reason for the device's automatic exposure; None if the exposure is not
+    /// Exposure setting, or the reason why the device's automatic exposure is in use; None if the exposure is not
     /// controlled.
     pub exposure: Option<Result<Setting, String>>,
     /// Contrast and saturation of the tag, 0 to 1; None if no tag was detected.
     pub tag: Option<[f64; 2]>,
-    /// Mean grey level of an image too dark for detecting tags.
+    /// Mean grey level of an image that is too dark for detecting tags.
     pub dark: Option<f64>,
-    /// Content of the image in place of the deck's tags, if no tag was detected.
+    /// Foreign tag in the image, if none of the deck's was detected.
     pub foreign_tag: Option<ForeignTag>,
 }
 
@@ -149,7 +148,6 @@ pub struct CameraCheck {
     pub source: String,
     pub there: Result<(), String>,
     pub calibrated: bool,
-    /// None if the camera cannot be examined.
     pub view: Option<Result<CameraImages, String>>,
 }
 
@@ -161,7 +159,6 @@ pub struct CheckFacts {
     pub identity: Option<Identity>,
     pub zenoh: Option<String>,
     pub clock_s: i64,
-    /// None if no program reports the synchronisation.
     pub sync: Option<ClockSync>,
     pub memory: Option<SharedMemory>,
     pub ports: Vec<Port>,
@@ -170,26 +167,26 @@ pub struct CheckFacts {
     /// Configured address of the autopilot's link, and whether it can be opened; None if not configured.
     pub autopilot: Option<(String, Result<Reach, String>)>,
     pub signing: Option<SigningCheck>,
-    /// Report of the autopilot, None without its heartbeat; outer None if another program holds the link or
-    /// it cannot be opened.
+    /// Report on the autopilot, None without its heartbeat; outer None if another program owns the link or it cannot
+    /// be opened.
     pub reported: Option<Option<AutopilotReport>>,
     pub receiver: Option<ReceiverCheck>,
-    /// Origin of a running drone's frame and distance of the deck, m; None while nothing runs or is known.
+    /// Origin of a running drone's frame and distance to the deck, m; None if no process runs or they are unknown.
     pub frame: Option<(Datum, Option<f64>)>,
-    /// Dead time and time constant of the attitude, s, from the newest flight that identified them; None
-    /// without one.
+    /// Dead time and time constant of the attitude response, s, from the newest flight that identified them; None
+    /// without such a flight.
     pub flown: Option<[f64; 2]>,
     pub vessel_deck: Option<DeckDimensions>,
     pub cameras: Vec<CameraCheck>,
     /// Real sensors of the vessel that this command received.
     pub sources: Vec<SourceCheck>,
     pub measured: SensorStatistics,
-    /// Sensors held by the running process, as it reports them.
+    /// Sensors owned by the running process, as it reports them.
     pub held_sources: Vec<SourceHealth>,
     pub deck_inputs: Vec<DeckInputCheck>,
     /// Frequency governor of each processor; empty without frequency scaling.
     pub governors: Vec<String>,
-    /// This user may request real-time priority.
+    /// Whether this user may request real-time priority.
     pub realtime: bool,
     pub processors: usize,
 }

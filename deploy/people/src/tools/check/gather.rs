@@ -87,7 +87,7 @@ fn configured(path: &Path) -> Result<Computer, CliError> {
     Ok(computer)
 }
 
-/// Dead time and time constant of the attitude, s, from the newest recorded flight that identified them.
+/// Dead time and time constant of the attitude response, s, from the newest recorded flight that identified them.
 fn flown(directory: &str) -> Option<[f64; 2]> {
     // Without a recorder no flight is recorded; `alight flights` reports a directory that cannot be read.
     let flights = store::flights(Path::new(directory)).unwrap_or_default();
@@ -106,7 +106,7 @@ fn snapshot(instance: &Instance) -> Option<Snapshot> {
     Some(observer.snapshot)
 }
 
-/// Configured cameras: examined here, or as reported by the process that holds them.
+/// Configured cameras: examined here, or as reported by the process that owns them.
 fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraCheck> {
     let settings = &d.drone.camera;
     let (tag, markers) = (&settings.lens, &settings.uvdar.lens);
@@ -169,7 +169,7 @@ fn cameras(d: &DroneComputerConfig, running: Option<&Snapshot>) -> Vec<CameraChe
     found.into_iter().flatten().collect()
 }
 
-/// Whether `name` is a named pipe: without a writer it blocks, and reading takes bytes of its images.
+/// Whether `name` is a named pipe: opening it blocks without a writer, and reading it removes bytes of its images.
 fn is_pipe(name: &str) -> bool {
     fs::metadata(name).is_ok_and(|meta| meta.file_type().is_fifo())
 }
@@ -190,7 +190,7 @@ impl CheckFacts {
         self.deck_inputs = inputs
             .filter(|(_, path)| !path.is_empty())
             .map(|(key, path)| (key, path, DigitalLine::new(path)))
-            // A running process holds these inputs and reports those that it cannot read.
+            // A running process owns these inputs and reports those that it cannot read.
             .filter(|(_, _, line)| !(self.running && line.is_exclusive()))
             .map(|(key, path, mut line)| DeckInputCheck {
                 key,
@@ -225,7 +225,7 @@ impl CheckFacts {
         let name = d.autopilot.connect.clone();
         let url: Result<LinkUrl, String> = name.parse();
         let reach = url.as_ref().map(reach_autopilot).map_err(Clone::clone);
-        // A running process holds the link and counts its frames.
+        // A running process owns the link and counts its frames.
         let link = snapshot.and_then(|s| s.processes.get(&ProcessKind::Autopilot));
         let mut received = link.map_or_else(Signatures::default, |p| mavlink_key::counts(&p.metrics));
         self.reported = match (&url, &reach) {
@@ -342,12 +342,12 @@ fn routed(to: SocketAddr) -> std::io::Result<UdpSocket> {
     Ok(socket)
 }
 
-/// Whether a QUIC server answers. It answers an unknown version with the versions that it supports (RFC 9000,
-/// section 6.1), without a handshake and without counting a rejected peer. The query is sent three times,
-/// because a radio loses packets.
+/// Whether a QUIC server answers. A server answers an unknown version with its supported versions (RFC 9000, section
+/// 6.1), without a handshake and without counting a rejected peer. The query is sent three times, because a radio
+/// loses packets.
 fn speaks_quic(socket: &UdpSocket) -> std::io::Result<()> {
-    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes. Servers
-    // ignore datagrams below 1200 bytes.
+    // Long header, a version reserved for this (0x?a?a?a?a), two connection identifiers of 8 bytes. Servers ignore
+    // datagrams below 1200 bytes.
     let mut hello = vec![0u8; 1200];
     let header = [
         &[0xc0, 0x0a, 0x0a, 0x0a, 0x0a, 8][..],
@@ -442,8 +442,8 @@ fn sync() -> Option<ClockSync> {
     })
 }
 
-/// Result of `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the
-/// last offsets, s, field 14 the leap status (Not synchronised).
+/// Result of `chronyc -c tracking`: field 3 is the stratum (0: none), field 7 the root mean square of the recent
+/// offsets, s, field 14 the leap status (Not synchronised).
 fn chrony(text: &str) -> Option<ClockSync> {
     let fields: Vec<&str> = text.trim().split(',').collect();
     let stratum: u32 = fields.get(2)?.parse().ok()?;

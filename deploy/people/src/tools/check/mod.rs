@@ -1,5 +1,5 @@
-//! `alight check`: faults that keep this computer from flying, with remedies. [`gather`] collects facts,
-//! [`rules`] judges them. Only a camera's exposure changes, to the setting that the service would use.
+//! `alight check`: faults that prevent this computer from flying, with remedies. [`gather`] collects facts, [`rules`]
+//! judges them. The only change that it makes is a camera's exposure, to the setting that the service would use.
 
 mod autopilot;
 mod camera;
@@ -31,8 +31,8 @@ use crate::status::finding::FindingLevel;
 Exit codes: 0 fine, 1 warnings, 2 broken."
 )]
 pub struct CheckArgs {
-    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml
-    /// or /etc/alight/drone.toml, whichever is there]
+    /// Configuration of the vessel's or the drone's computer (TOML) [default: /etc/alight/vessel.toml or
+    /// /etc/alight/drone.toml, whichever exists]
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Name of the set of processes, such as `sim` [default: the configuration's]

@@ -1,5 +1,5 @@
-//! Rate, age and noise of the vessel's sensors by kind, measured during a reception. They determine the
-//! vessel's class; the configuration does not.
+//! Rate, age and noise of the vessel's sensors by kind, measured during a reception. The vessel's class follows from
+//! them, not from the configuration.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,10 @@ use alight_shared::estimation::median;
 use alight_shared::msg::SensorReadings;
 use alight_shared::time::{Time, VesselClock};
 
-/// Silence at the end after which a sensor has stopped, s; longer than the period of a sensor of 1 Hz.
+/// Silence at the end after which a sensor counts as stopped, s; longer than the period of a 1 Hz sensor.
 const SILENT_S: f64 = 1.5;
 
-/// Measurements of one kind, from the sensor with the most.
+/// Measurements of one kind, from the sensor with the largest number.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KindStatistics {
     pub rate_hz: f64,
@@ -18,9 +18,9 @@ pub struct KindStatistics {
     pub age_s: f64,
     /// Median standard deviation: position m, heading and tilt rad; zero for inertial samples.
     pub sd: f64,
-    /// More than half of the measurements have the body's three angular rates.
+    /// More than half of the measurements include the body's three angular rates.
     pub with_rates: bool,
-    /// More than half of the measurements have a heave.
+    /// More than half of the measurements include heave.
     pub with_heave: bool,
 }
 
@@ -128,8 +128,8 @@ mod tests {
     use super::*;
     use alight_shared::msg::{AttitudeFix, Header, Seq};
 
-    /// Statistics of a sensor of this rate that sends from 0 s to `end_s`, each attitude 0.1 s late, received
-    /// for 2.5 s.
+    /// Statistics of a sensor of this rate that sends from 0 s to `end_s`, each attitude 0.1 s late, received for 2.5
+    /// s.
     fn received(rate_hz: f64, end_s: f64, fix: AttitudeFix) -> KindStatistics {
         let mut received = MeasurementSeries::default();
         for k in 0..(rate_hz * end_s) as u32 {

@@ -1,5 +1,5 @@
-//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as a running process reports
-//! it, or received here.
+//! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as a running process reports it, or as
+//! received here.
 
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::config::link_url::LinkUrl;
@@ -15,11 +15,11 @@ use tokio::time::{Duration, Instant, timeout_at};
 use crate::status::finding::{Finding, FindingTopic};
 use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
 
-/// Time for which the receiver is read: two periods at 1 Hz, and time for a link that opens late.
+/// Time for which the receiver is read: two periods at 1 Hz, with a margin for a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);
 const NO_RELATIVE: &str = "switch UBX-NAV-RELPOSNED on at that port, and RTCM 3 as its input (u-blox F9 with firmware 1.13 or later)";
 
-/// Facts about the receiver; None if none is configured or a process holds it without reporting.
+/// Facts about the receiver; None if none is configured or a process owns it without reporting.
 pub fn of(d: &DroneComputerConfig, is_running: bool, snapshot: Option<&Snapshot>) -> Option<ReceiverCheck> {
     let connect = d.autopilot.receiver.clone();
     let report = match (is_running, snapshot) {

@@ -17,23 +17,23 @@ use crate::tools::check::facts::{
 };
 use crate::tools::check::{equipment, receiver, view};
 
-/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the
-/// remains of a killed predecessor.
+/// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the remains of a
+/// killed predecessor.
 const MEMORY_BYTES: u64 = 64 << 20;
-/// Earliest plausible time of the system's clock, 2025-01-01, s since 1970; an earlier clock was never set.
+/// Earliest plausible time of the system clock, 2025-01-01, s since 1970; an earlier clock was never set.
 const PLAUSIBLE_S: i64 = 1_735_689_600;
-/// Clock error above which a warning is given, s; the logs of both computers are compared by it.
+/// Clock error above which a warning is given, s; logs of both computers are aligned by this clock.
 const CLOCK_ERROR_S: f64 = 0.1;
-/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a
-/// contrast of 16 %; motion and noise reduce it.
+/// Minimum contrast of the tag without a warning. The detector needs a margin of 20 grey levels, which is a contrast
+/// of 16 %; motion and noise reduce the contrast.
 const MIN_CONTRAST: f64 = 0.3;
-/// Maximum saturation of the tag without a warning: a third of its white.
+/// Maximum saturation of the tag without a warning: a third of its white area.
 const MAX_SATURATION: f64 = 0.1;
 /// Permission bits that let users other than the owner read or write a file.
 const OTHERS: u32 = 0o077;
 const GROUP_READS: u32 = 0o040;
 
-/// Findings about `facts`, in the order in which an installer repairs them.
+/// Findings on `facts`, in the order in which an installer repairs them.
 pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
     let path = facts.config.display();
     let computer = match &facts.computer {
@@ -129,10 +129,10 @@ fn vessel_devices(facts: &CheckFacts, v: &VesselComputerConfig) -> Vec<Finding> 
     all
 }
 
-/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the
-/// slowest autopilot flown, takes 0.3 s.
+/// Sum of dead time and time constant above which the response is slow, s. ArduCopter with default gains, the slowest
+/// autopilot flown, takes 0.3 s.
 const SLOW_RESPONSE_S: f64 = 0.45;
-/// Ratio of identified and configured time constants above which they differ.
+/// Ratio of identified to configured time constant above which they differ.
 const LAG_RATIO: f64 = 1.5;
 
 fn response([dead_s, lag_s]: [f64; 2], configured_s: f64) -> Finding {
@@ -347,7 +347,7 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
-        "set autopilot.vehicle to the number of this drone's own (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
+        "set autopilot.vehicle to the system id of this drone's autopilot (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
     )
 }
 
@@ -387,7 +387,7 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
             let change = if why.code == ReasonCode::AutopilotParameterUnknown {
                 "check the link".to_owned()
             } else {
-                format!("set {} at the autopilot", p.name)
+                format!("set {} on the autopilot", p.name)
             };
             match p.severity {
                 Severity::Reject if rejects => TOPIC.broken(wrong, change),
@@ -412,14 +412,14 @@ fn camera(found: &CameraCheck, running: bool) -> Finding {
             ),
         ),
         Ok(()) if !found.calibrated => FindingTopic(key).warning(
-            format!("{source} is there, its lens is the simulated camera's"),
+            format!("{source} exists, but its lens is the simulated camera's"),
             format!(
                 "calibrate it and write focal_px, centre_px and distortion into [{}] (alight help camera)",
                 found.lens
             ),
         ),
         Ok(()) if running => {
-            FindingTopic(key).fine(format!("{source} is there, and the drone's process has it"))
+            FindingTopic(key).fine(format!("{source} exists, and the drone's process uses it"))
         }
         Ok(()) => FindingTopic(key).fine(format!("{source} is there")),
     }
@@ -459,7 +459,7 @@ fn camera_view(found: &CameraCheck) -> Option<Finding> {
     };
     if let Some(mean) = view.dark {
         return Some(topic.warning(
-            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}, which may not be more"),
+            format!("too dark to see the tags: image mean {mean:.0} of 255{exposure}; the exposure is at its limit"),
             "light the deck, or lay tags that are lit (alight help camera); by day, take the cap off the lens",
         ));
     }

@@ -1,4 +1,4 @@
-//! The vessel's real sensors: those of a running process by its reports, the others by a short reception.
+//! The vessel's real sensors: those of a running process as it reports them, the others by a short reception.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -23,8 +23,8 @@ use tokio::time::{Instant, timeout_at};
 use crate::tools::check::facts::SourceCheck;
 use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
 
-/// Time during which all sources are received, s: two periods of the slowest receivers, and time for a link
-/// that opens late.
+/// Time for which all sources are received, s: two periods of the slowest receivers, with a margin for a link that
+/// opens late.
 pub const LISTEN_S: f64 = 2.5;
 const STEP_PERIOD: Duration = Duration::from_millis(20);
 
@@ -34,9 +34,9 @@ pub struct ListenedSources {
     pub measured: SensorStatistics,
 }
 
-/// Sources that the process with this file holds, as reported in `snapshot`, and the other sources, received
-/// here. If the running vessel uses another configuration, all sources are received here; those that it holds
-/// cannot be opened, which is a finding.
+/// Sources that the process with this file owns, as reported in `snapshot`, and the other sources, received here. If
+/// the running vessel uses another configuration, all sources are received here; those that it owns cannot be opened,
+/// which is a finding.
 pub fn of(
     path: &Path,
     v: &VesselComputerConfig,
@@ -59,7 +59,7 @@ pub fn of(
     (reported, listen(&others))
 }
 
-/// Data of each source. The ports must be free, because a serial port gives each byte to one reader only.
+/// Receives each source's data. The ports must be free, because a serial port gives each byte to one reader only.
 pub fn listen(computer: &VesselComputerConfig) -> ListenedSources {
     runtime::block_on(async { Ok(received(computer).await) }).unwrap_or_default()
 }

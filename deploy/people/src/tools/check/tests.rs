@@ -1,4 +1,4 @@
-//! Tests of the rules on made-up computers, and of the gatherer on this one.
+//! Tests of the rules with simulated facts, and of the gatherer on this computer.
 
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -107,7 +107,7 @@ fn vessel() -> CheckFacts {
     }
 }
 
-/// A drone's computer with a usual configuration that `set` changes.
+/// A drone's computer with a typical configuration, changed by `set`.
 fn configure(facts: &mut CheckFacts, set: fn(&mut DroneComputerConfig)) {
     let mut computer = DroneComputerConfig::default();
     computer.radio.connect = vec!["quic/192.168.7.1:7447".into()];
@@ -149,7 +149,7 @@ fn signed(key: Result<u32, &str>, unsigned: u64) -> Option<SigningCheck> {
 fn reported(name: &str, value: f64) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameter, value)
 }
-/// Report of PX4 in which one parameter is missing after this number of requests; all others are suitable.
+/// Report of PX4 in which one parameter is missing after this number of requests and all others are suitable.
 fn unreported(name: &str, requests: u32) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameterUnknown, f64::from(requests))
 }
@@ -467,7 +467,7 @@ fn check_of_a_broken_configuration() {
     std::fs::remove_dir_all(&directory).unwrap();
 }
 
-/// Reads a simulated autopilot that signs with `key`, from a computer of this configuration: its report, the
+/// Reads a simulated autopilot that signs with `key`, from a computer with this configuration: its report, the
 /// signatures, and the commands that it received.
 fn found_of_autopilot(
     computer: &DroneComputerConfig,

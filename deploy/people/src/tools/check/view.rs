@@ -4,7 +4,6 @@ use alight_computer::config::view::ViewConfig;
 
 use crate::status::finding::{Finding, FindingTopic};
 
-/// Finding on the address of the page and the orders that it may give.
 pub fn judge(view: &ViewConfig) -> Option<Finding> {
     const TOPIC: FindingTopic = FindingTopic("view");
     if !view.on {

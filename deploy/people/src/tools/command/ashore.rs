@@ -1,4 +1,4 @@
-//! Operator's command from ashore: through the vessel to one drone, with a receipt.
+//! Operator's command from ashore, through the vessel to one drone, with a receipt.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -27,11 +27,13 @@ use crate::status::vessel::drone;
 
 /// Timeout of a command from ashore, which opens a session and passes over two radio links.
 const MAX_POLLS_ASHORE: u32 = 240;
-/// Polls after which an order is sent without contact: 3 s. A vessel that is not received may still receive.
+/// Number of polls after which an order is sent without contact: 3 s. The vessel may receive even if it is not
+/// received.
 const MAX_POLLS_CONTACT: u32 = 60;
-/// Polls after the first contact within which each of the vessel's drones has reported: 1.5 s, three status periods.
+/// Number of polls after the first contact within which each of the vessel's drones reports: 1.5 s, three status
+/// periods.
 const POLLS_ALL_REPORT: u32 = 30;
-/// Polls by which the status with a rejection's reason follows the receipt: 2 s, with statuses at 2 Hz.
+/// Number of polls between a rejection's receipt and the status with its reason: 2 s, with statuses at 2 Hz.
 const POLLS_REASON: u32 = 40;
 
 fn time_of_poll(poll: u32) -> Time<SteadyClock> {
@@ -73,7 +75,7 @@ impl Ashore {
             sent: 0,
         }
     }
-    /// Takes a receipt of this order; ignores receipts of other orders and of earlier ones.
+    /// Handles a receipt of this order; ignores receipts of other and earlier orders.
     fn receive_receipt(&mut self, r: &CommandReceipt) {
         let h = &self.order.message.header;
         let own = r.operator == [h.boot, h.sequence]
@@ -107,7 +109,7 @@ impl Ashore {
     fn drone(&self) -> Option<&DroneStatus> {
         self.drones.get(&self.number?)
     }
-    /// Selects the vessel's only drone if none was named, after every drone has had time to report.
+    /// Selects the vessel's only drone if none was named, once every drone has had time to report.
     fn choose(&mut self) -> Result<(), CliError> {
         self.looks += u32::from(self.contact);
         if self.number.is_some() || self.looks < POLLS_ALL_REPORT {
@@ -136,8 +138,8 @@ impl Ashore {
         self.number = number;
         self.order.message.header.drone = number.unwrap_or_default();
     }
-    /// Order to send at this poll. It waits for the session, because it would be lost before; the wait is
-    /// limited, because a vessel that is not received may still receive.
+    /// Order to send at this poll. It waits for the session, because it would be lost before; the wait is limited,
+    /// because the vessel may receive even if it is not received.
     fn due(&mut self, poll: u32) -> Option<OperatorCommand<VesselClock>> {
         let open = self.contact || poll >= MAX_POLLS_CONTACT;
         if self.number.is_none() || self.asks_only || !open {
@@ -254,7 +256,7 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
             break;
         }
         ashore.choose()?;
-        // The same command sent again counts once.
+        // Repetitions of a command count once.
         if let Some(Ok(bytes)) = ashore.due(poll).map(|order| wire::encode(&order)) {
             radio.send(0, bytes);
         }
@@ -332,7 +334,7 @@ mod tests {
     #[test]
     fn command_with_a_coincident_status() {
         let mut terminal = ordered(CommandKind::Abort);
-        // After an earlier abort of the drone, another one leaves its state unchanged.
+        // A second abort after an earlier one leaves the drone's state unchanged.
         let given_up = DroneStatus {
             header: Header::new(1, 3, 7, 1, Time::EPOCH),
             state: State::GaveUp,
@@ -341,7 +343,7 @@ mod tests {
         };
         terminal.receive_status(given_up);
         assert!(!terminal.is_answered() && !terminal.is_taken());
-        // Receipts of other orders are not answers.
+        // Receipts of other orders are not replies.
         for (operator, drone) in [([6, 1], 3), ([5, 2], 3), ([5, 1], 4)] {
             terminal.receive_receipt(&receipt(operator, drone, CommandProgress::Taken));
         }
@@ -393,7 +395,7 @@ mod tests {
         assert!(one.due(0).is_some_and(|order| order.header.drone == 2));
         assert!(one.lines(2).iter().any(|l| l.starts_with("drone 2: Tracking")));
         assert!(one.lines(2).last().unwrap().starts_with("drone 2: "));
-        // Several drones: none is commanded, and the answer lists them.
+        // Several drones: none is commanded, and the reply lists them.
         let (mut several, chosen) = unnamed(&[2, 3], POLLS_ALL_REPORT);
         let why = chosen.unwrap_err().0;
         assert!(

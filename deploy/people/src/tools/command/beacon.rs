@@ -1,5 +1,5 @@
-//! `alight command deck-at`: sends an operator's position of the vessel to the predictor of this computer. It leads to
-//! a search for the deck's tags if `mission.min_vessel` permits that, and never to a landing without them.
+//! `alight command deck-at`: sends an operator's position of the vessel to the predictor on this computer. If
+//! `mission.min_vessel` permits it, the drone then searches for the deck's tags there; it never lands without tags.
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::life::draw_boot;
@@ -18,8 +18,8 @@ use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};
 
-/// Speed uncertainty, m/s, of a drifting vessel without a stated speed; a stated speed has a tenth of that
-/// speed in addition.
+/// Speed uncertainty of a drifting vessel without a stated speed, m/s; for a stated speed, a tenth of that speed is
+/// added.
 const DRIFT_MPS: f64 = 0.3;
 const STATED_SD_MPS: f64 = 0.1;
 const LASTS_S: u32 = 300;
@@ -75,10 +75,10 @@ fn beacon(args: &CommandArgs, header: Header<DroneClock>) -> Result<DeckBeacon, 
     Ok(beacon)
 }
 
-/// Rounding tolerance, s, within which a forecast's beacon has the time of the given one.
+/// Rounding tolerance, s, within which the times of a forecast's beacon and of the given beacon are equal.
 const SAME_S: f64 = 1e-5;
 
-/// Standard deviation, m, and age, s, of a forecast's beacon if it is the one given at this time.
+/// Standard deviation, m, and age, s, of a forecast's beacon if its time is that of the given beacon.
 fn followed(f: &DeckForecast, given: Time<DroneClock>) -> Option<[f64; 2]> {
     let [_, age_s] = f.beacon?;
     let apart_s = (f.header.at - given).secs() - age_s;
@@ -155,8 +155,7 @@ mod tests {
         assert_eq!(followed(&DeckForecast::default(), given), None);
     }
 
-    /// Impossible values are rejected, and values that would have to be guessed, because the most exact
-    /// beacon replaces all others.
+    /// Impossible or incomplete values are rejected, because the most accurate beacon replaces all others.
     #[test]
     fn beacons_that_are_rejected() {
         let given = |options: &str| {

@@ -12,17 +12,17 @@ use super::{CommandArgs, OrderArg};
 pub struct StationArgs {
     /// station: above the deck, m [default: the approach's]
     ///
-    /// Above the deck's mean level; at least the height of the approach.
+    /// Height above the deck's mean level, at least that of the approach.
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
     pub height: Option<u8>,
     /// station: ahead, m, negative astern
     ///
-    /// From the deck's centre.
+    /// Distance from the deck's centre.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
     pub ahead: Option<i8>,
     /// station: to starboard, m [default: 20]
     ///
-    /// Negative is to port. With --ahead the default is 0.
+    /// A negative value is to port. With --ahead the default is 0.
     #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
     pub right: Option<i8>,
 }
@@ -48,7 +48,6 @@ pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     )))
 }
 
-/// Rejects flags of a station with another order.
 pub(super) fn check(args: &CommandArgs) -> Result<(), CliError> {
     if args.station != StationArgs::default() && args.order != OrderArg::Station {
         return Err(CliError(

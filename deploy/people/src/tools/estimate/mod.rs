@@ -62,7 +62,7 @@ pub fn run(args: &EstimateArgs) -> Result<Exit, CliError> {
     Ok(Exit::Success)
 }
 
-/// Reason why the estimator never started: its needs, the recording's content, and the rejected input.
+/// Reason why the estimator never started: its required inputs, the recording's content, and the rejected input.
 fn not_started(origin: &str, review: &Review) -> String {
     let mut parts = vec![format!(
         "{origin}: the estimator never started; it needs inertial samples or attitudes, for a few seconds \

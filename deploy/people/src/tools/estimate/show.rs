@@ -7,7 +7,6 @@ use alight_shared::frames::wrap_angle;
 use alight_usv::CourseOutlook;
 use alight_usv::review::{HORIZONS_S, Review};
 
-/// Courses at the present speed, 45 deg apart.
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     let heads = [
         "course",
@@ -98,7 +97,7 @@ fn innovations(r: &Review) -> Table {
     table
 }
 
-/// Errors of the predictions by horizon, next to the references.
+/// Errors of the predictions by horizon, next to those of reference methods.
 fn predictions(r: &Review) -> Table {
     let heads = ["prediction", "", "by"].map(String::from);
     let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));

@@ -98,7 +98,7 @@ fn board_places_of_drone_and_plan() {
         (compass.wind_from_deg, compass.text.as_str()),
         (Some(-90.0), "wind 6 m/s from 90° to port of the bow")
     );
-    // East of the deck is ahead of it, south to starboard.
+    // East of the deck is ahead of it, south is to starboard.
     assert_eq!(scene.drone.as_ref().unwrap().at, [4.0, 3.0, 5.0]);
     assert_eq!(scene.plan, [[2.0, 0.0, 1.0]; 2]);
     assert_eq!((scene.contact, scene.flare_m), (None, None));
@@ -269,7 +269,7 @@ fn board_of_ended_flights() {
     assert_eq!((after.flights.len(), after.status.state), (FLIGHTS, None));
 }
 
-/// The answer to an abort stays until the next flight begins with a landing or with the motors.
+/// The reply to an abort remains until the next flight begins, by a landing order or by starting the motors.
 #[test]
 fn board_of_an_old_answer() {
     let mut board = Board::new(ComputerReport::default());
@@ -298,7 +298,7 @@ fn board_of_an_old_answer() {
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
 }
 
-/// The situations of `deploy/scripts/page` have the fields of today's pictures.
+/// The situations of `deploy/scripts/page` have the fields of present pictures.
 #[test]
 fn recorded_situations_of_the_page() {
     use serde_json::Value;
@@ -332,7 +332,8 @@ fn recorded_situations_of_the_page() {
     }
 }
 
-/// A landing's result has its place and speed, and the battery's fall so far gives the time to the reserve.
+/// A landing's result has its place and speed, and the decrease of the battery's charge gives the time to the
+/// reserve.
 #[test]
 fn board_of_a_contact_and_a_battery() {
     let mut board = Board::new(ComputerReport::default());

@@ -781,7 +781,7 @@ async function give(name) {
     const answer = await fetch("/order", { method: "POST", body: name });
     text("answer", await answer.text());
   } catch {
-    text("answer", "NO ANSWER: whether it was taken is not known; give it by another way");
+    text("answer", "NO ANSWER: it is not known whether the order was taken; give it another way");
   }
   delete $("answer").dataset.own;
 }

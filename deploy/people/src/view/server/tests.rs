@@ -183,7 +183,7 @@ fn viewers_page_structure() {
     ] {
         assert!(html.contains(part), "{part}");
     }
-    // A screen reader would read out each change, so only two lines may change, when their kind does.
+    // A screen reader would read out each change, so only two lines are announced, and only when their kind changes.
     assert!(!html.contains("aria-live"));
     let live: Vec<&str> = html
         .lines()
@@ -316,12 +316,12 @@ fn viewer_that_does_not_read() {
         waiting += n;
         tail = String::from_utf8_lossy(&part[..n]).into_owned();
     }
-    // Only the kernel's buffers of both ends held pictures.
-    assert!(waiting < 320 << 10, "{waiting} bytes waited for it");
+    // Only the kernel's buffers at both ends held pictures.
+    assert!(waiting < 320 << 10, "{waiting} bytes were queued");
     assert!(ask(to, "GET", "/state", &format!("Host: {to}\r\n")).contains("picture 399."));
 }
 
-/// Client of a viewer: JSON texts, and numbers of subscriptions in binary frames.
+/// Foxglove client: JSON texts, and numbers of subscriptions in binary frames.
 type Viewer = tungstenite::WebSocket<TcpStream>;
 
 fn foxglove(to: SocketAddr) -> Viewer {

@@ -3,7 +3,7 @@ use alight_shared::msg::SourceStatus;
 use super::*;
 use crate::tools::check::facts::{DeckInputCheck, SourceCheck};
 
-/// Change that makes a fault, and a part of the finding's text.
+/// Change that causes a fault, and a part of the finding's text.
 type Fault = (fn(&mut CheckFacts), &'static str);
 type FaultTable = (fn() -> CheckFacts, FindingLevel, &'static [Fault]);
 
@@ -206,8 +206,8 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
 ];
 
-/// Frames of other senders, and frames sent before the autopilot had the key, are harmless on a link that
-/// also admits the autopilot's frames.
+/// Frames of other senders, and frames sent before the autopilot had the key, are harmless on a link that also admits
+/// the autopilot's frames.
 #[test]
 fn frames_left_out_of_a_link_that_works() {
     let mut facts = drone();
