@@ -400,7 +400,7 @@ const LABORATORY: Laboratory<'static> = {
 /// Formats of the JSON lines exchanged with planners and predictors that are other programs.
 const LINES: &[alight_shared::schema::LineFormat] = {
     #[cfg(feature = "lab")]
-    let lines = &lab::exec::protocol::LINES;
+    let lines = &lab::exec::LINES;
     #[cfg(not(feature = "lab"))]
     let lines = &[];
     lines

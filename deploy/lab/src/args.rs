@@ -5,7 +5,6 @@ use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
 
-use alight_computer::exit::CliError;
 use alight_computer::process::args::{ViewArgs, mcap_file};
 use alight_computer::quantity::{duration_s, speed_mps};
 use alight_computer::terminal::Form;
@@ -20,7 +19,6 @@ use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
 use clap::{Arg, Args, Command, ValueEnum};
 
 use super::exec;
-use super::scene::{Scene, written};
 use super::study::definition;
 
 /// Parses flags without the name of the command, which is inserted first.
@@ -393,8 +391,8 @@ impl SceneArgs {
 /// One landing, or many.
 #[derive(Args, Debug)]
 #[command(
-    after_help = "With --view the landing runs in real time once the drone has appeared. It waits for\n\
-no viewer, and ends with the flight, or 10 s later if a viewer is connected."
+    after_help = "With --view the landing runs in real time once the drone has appeared. It\n\
+waits for no viewer, and ends with the flight, or 10 s later with a viewer."
 )]
 pub struct TrialArgs {
     #[command(flatten)]
@@ -402,7 +400,7 @@ pub struct TrialArgs {
     /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
     #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
-    /// Program of yours that predicts the deck (alight help planners) [default: the drone's own predictor]
+    /// Program of yours that predicts the deck (alight help planners)
     #[arg(long, value_name = "exec:COMMAND", conflicts_with = "record",
           value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
     pub predictor: Option<String>,
@@ -430,19 +428,6 @@ pub struct TrialArgs {
     /// Output format.
     #[command(flatten)]
     pub form: Form,
-}
-
-impl TrialArgs {
-    /// Reads the scene's files, applies the flags, checks everything, and prints the remarks.
-    pub fn scene(&self) -> Result<Scene, CliError> {
-        let mut scene = Scene::of(&self.scene)?;
-        if let Some(command) = &self.predictor {
-            let own = exec::predictor::predictor(command);
-            scene.flags += &format!(" {}", written("predictor", own.name()));
-            scene.nodes.predictor = Some(own);
-        }
-        Ok(scene)
-    }
 }
 
 #[derive(Clone, Copy, Debug)]

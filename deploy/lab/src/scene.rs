@@ -15,7 +15,8 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 use serde::de::DeserializeOwned;
 
-use crate::args::{AutopilotArg, SceneArgs, WindArg};
+use crate::args::{AutopilotArg, SceneArgs, TrialArgs, WindArg};
+use crate::exec;
 
 pub fn print_defaults() -> Result<Exit, CliError> {
     let text = commented(&Scenario::default());
@@ -40,6 +41,17 @@ impl Scene {
         let scene = Scene::unremarked(args)?;
         // Standard output contains only the result.
         scene.remarks.iter().for_each(|r| terminal::note(true, r));
+        Ok(scene)
+    }
+
+    /// Scene of a trial, with its predictor.
+    pub fn of_trial(args: &TrialArgs) -> Result<Scene, CliError> {
+        let mut scene = Scene::of(&args.scene)?;
+        if let Some(command) = &args.predictor {
+            let own = exec::predictor::predictor(command);
+            scene.flags += &format!(" {}", written("predictor", own.name()));
+            scene.nodes.predictor = Some(own);
+        }
         Ok(scene)
     }
 

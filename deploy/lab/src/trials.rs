@@ -20,7 +20,7 @@ use rayon::prelude::*;
 
 use super::args::TrialArgs;
 use super::outcome_table;
-use super::scene::stopwatch;
+use super::scene::{Scene, stopwatch};
 
 /// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless standard
 /// error is a terminal. Results are in the order of the items, and incomplete if the end is requested.
@@ -95,7 +95,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 }
 
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
-    let scene = args.scene()?;
+    let scene = Scene::of_trial(args)?;
     // The first call installs the handler, so that from here on a signal ends the study with the landings flown so
     // far.
     if end_requested() {

@@ -94,7 +94,7 @@ impl<C: Clock> Identification<C> {
         }
     }
 
-    /// Performs one bounded part of an identification that is in progress or due; returns false if there is none.
+    /// Performs one bounded part of an identification that is in progress or due; returns false without one.
     pub(super) fn work(&mut self) -> bool {
         self.fit = match self.fit.take() {
             Some(fit) => match fit.advance() {

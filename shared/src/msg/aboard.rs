@@ -41,7 +41,7 @@ pub enum DeckOrder {
     /// Crew and objects are clear of this drone on the deck, and it is not tied down: it may take off within
     /// [`TAKE_OFF_CLEARANCE_S`].
     TakeOff(u32),
-    /// Clears every take-off of this drone until a person steps on the deck, for at most
+    /// Clears every take-off of this drone until the crew steps on the deck, for at most
     /// [`TAKE_OFF_WATCH_S`], while the crew keeps the deck clear.
     TakeOffStanding(u32),
     /// The vessel keeps course and speed for this number of seconds; 0 withdraws the statement.

@@ -41,7 +41,7 @@ impl DroneStatus {
     pub fn waits(&self) -> String {
         self.rejected.unwrap_or(self.waiting).to_string()
     }
-    /// Whether the mission's state is current. An outdated one says nothing about the drone's actions, but
+    /// Whether the mission's state is current. An outdated one does not describe the drone's actions, but
     /// the status still shows its position.
     pub fn is_current(&self) -> bool {
         f64::from(self.mission_age_s) <= topics::DRONE_STATUS.stale_after.secs()

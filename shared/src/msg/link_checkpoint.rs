@@ -94,7 +94,7 @@ impl WindCheckpoint {
 }
 
 impl LinkCheckpoint {
-    /// Part that remains valid across a reboot, which resets the computer's clock; None if there is none.
+    /// Part that remains valid across a reboot, which resets the computer's clock; None if nothing does.
     pub fn lasting(&self) -> Option<LinkCheckpoint> {
         let signed = self.signing != SigningTimes::default();
         let lasts = signed || self.own_mission || self.ended_missions.contains(&true);

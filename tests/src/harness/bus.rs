@@ -35,7 +35,7 @@ struct Shared {
     places: BTreeMap<(ProcessKind, BusSide, TypeId), Rc<dyn Any>>,
 }
 
-/// Bus of one computer, as seen by one of its rows or an outside observer.
+/// Bus of one computer, for one of its rows or an outside observer.
 #[derive(Clone, Default)]
 pub struct LockStep {
     shared: Rc<RefCell<Shared>>,

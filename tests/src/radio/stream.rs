@@ -237,7 +237,7 @@ impl<T: Clone> RadioStream<T> {
             self.time_out_at = Some(t + self.time_out());
         }
     }
-    /// Sends at most one segment of new data; returns false if there is none.
+    /// Sends at most one segment of new data; returns false without any.
     fn send_new(&mut self, t: Time<TrueTime>) -> bool {
         if self.sent == self.written {
             return false;

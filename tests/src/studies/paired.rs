@@ -69,7 +69,7 @@ pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, o
         .collect()
 }
 
-/// `scenario` is None for all scenarios. Returns None if no seed is common.
+/// A `scenario` of None means all of them. None without a common seed.
 pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
     let pairs = pairs(outcomes, scenario, first, other);
     let n = pairs.len();

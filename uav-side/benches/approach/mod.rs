@@ -231,7 +231,7 @@ impl Approach {
     }
 }
 
-/// The same problem for the naive solver, with virtual inputs and equal limits.
+/// This problem for the naive solver, with virtual inputs and equal limits.
 pub fn naive_data<'a>(config: &PlannerConfig, mpc: &Mpc, problem: &'a Problem) -> naive::Data<'a> {
     let (a, b) = heading_free(&DroneGeometry::default()).continuous();
     let mixer = nalgebra::SMatrix::<f64, 4, 4>::from_fn(|i, j| MIXER[i][j]);

@@ -11,7 +11,7 @@ pub(super) struct CameraPose {
 }
 
 impl CameraPose {
-    /// The same pose for the point `to` (in the object's axes) as origin.
+    /// This pose with the point `to` (in the object's axes) as origin.
     pub(super) fn about(&self, to: Vector3<f64>) -> CameraPose {
         CameraPose {
             position: self.position + self.attitude * to,

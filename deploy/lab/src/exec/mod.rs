@@ -10,6 +10,7 @@ mod tests;
 
 use alight_computer::terminal::note;
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
+use alight_shared::schema::{self, LineFormat};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_shared::topics;
 use alight_sim::baselines::own::{OwnLaw, OwnReport, Reported};
@@ -19,7 +20,8 @@ use alight_uav::planner::reference::PlanReference;
 use alight_uav::settings::DroneSettings;
 
 use child::{AnswerLimits, AnsweringChild};
-use protocol::{Answer, Limits, PlannerAnswer, PlannerInput};
+use predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};
+use protocol::{Answer, Limits, PLANNER_VERSION, PlannerAnswer, PlannerInput};
 use serde::Serialize;
 
 /// Prefix of the planner's name on the command line and in outcomes.
@@ -32,6 +34,26 @@ pub fn planner(command: &str) -> OwnLaw {
         Box::new(ExecLaw::start(&own, drone, report))
     })
 }
+
+/// The lines, for `alight config schema`.
+pub const LINES: [LineFormat; 4] = [
+    (
+        "planner-input",
+        PLANNER_VERSION,
+        schema::of::<PlannerInput<'static>>,
+    ),
+    ("planner-answer", PLANNER_VERSION, schema::of::<PlannerAnswer>),
+    (
+        "predictor-input",
+        PREDICTOR_VERSION,
+        schema::of::<PredictorInput<'static>>,
+    ),
+    (
+        "predictor-answer",
+        PREDICTOR_VERSION,
+        schema::of::<PredictorAnswer>,
+    ),
+];
 
 #[derive(Debug)]
 struct ExecLaw {

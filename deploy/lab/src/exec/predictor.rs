@@ -56,7 +56,7 @@ pub struct PredictorAnswer {
 }
 
 impl PredictorAnswer {
-    /// The forecast with the answered stages, or the reason why there is none now.
+    /// Forecast with the answered stages, or the reason for its absence.
     pub(super) fn read(line: &[u8], own: &DeckForecast) -> Result<Result<DeckForecast, String>, String> {
         let answer: PredictorAnswer = parsed(line)?;
         of_version(answer.version, PREDICTOR_VERSION)?;

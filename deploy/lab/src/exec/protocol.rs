@@ -5,14 +5,11 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
-use alight_shared::schema::{self, LineFormat};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_uav::planner::PlannerConfig;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-
-use super::predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};
 
 /// Version of both lines; a program that answers with another version is rejected.
 pub const PLANNER_VERSION: u32 = 1;
@@ -21,26 +18,6 @@ pub const MAX_LINE_BYTES: usize = 128 << 10;
 const MAX_REASON: usize = 200;
 const MAX_SOLVE_S: f64 = 5.0;
 const MAX_STEP_S: f64 = 1.0;
-
-/// The lines, for `alight config schema`.
-pub const LINES: [LineFormat; 4] = [
-    (
-        "planner-input",
-        PLANNER_VERSION,
-        schema::of::<PlannerInput<'static>>,
-    ),
-    ("planner-answer", PLANNER_VERSION, schema::of::<PlannerAnswer>),
-    (
-        "predictor-input",
-        PREDICTOR_VERSION,
-        schema::of::<PredictorInput<'static>>,
-    ),
-    (
-        "predictor-answer",
-        PREDICTOR_VERSION,
-        schema::of::<PredictorAnswer>,
-    ),
-];
 
 /// Input of a planner that is another program, sent once per plan period.
 #[derive(Debug, Serialize, JsonSchema)]

@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn simulated_world_toml_round_trip() {
         let text = commented(&SimulatedWorld::default()).unwrap();
-        assert!(text.contains("# The steady clock's reading"), "{text}");
+        assert!(text.contains("# Reading of the steady clock"), "{text}");
         let read = config::parse::<SimulatedWorld>(&text, "world").unwrap();
         assert_eq!(read, SimulatedWorld::default());
     }

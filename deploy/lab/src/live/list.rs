@@ -124,7 +124,7 @@ mod tests {
         assert!(
             with(FaultKind::RangeStuck, 0.0)
                 .unwrap_err()
-                .starts_with("range-stuck:")
+                .starts_with("range-stuck is not possible")
         );
     }
 }

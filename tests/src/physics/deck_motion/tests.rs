@@ -457,7 +457,7 @@ fn recording_with_whole_second_stamps() {
     // Few rows per second and repeated stamps are accepted with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
-        slow.remarks.iter().any(|r| r.contains("below 5")),
+        slow.remarks.iter().any(|r| r.contains("fewer than 5")),
         "{:?}",
         slow.remarks
     );

@@ -305,7 +305,7 @@ impl Vessel {
             let u = r.inverse() * (s0.velocity + (s1.velocity - s0.velocity) * f);
             let a = r.inverse() * (s0.acceleration + (s1.acceleration - s0.acceleration) * f);
             let force = (a - down * GRAVITY) * (WATER_DENSITY * volume);
-            // The centroid lies opposite to the surface's normal, seen from the circle's centre.
+            // The centroid lies opposite to the surface's normal, relative to the circle's centre.
             let normal = r.inverse() * Vector3::new(slope.x, slope.y, 1.0) * normal_fraction;
             let centroid = c + normal * lever_arm;
             pressure += join(force, centroid.cross(&force));

@@ -234,7 +234,7 @@ impl SeaPaint {
         let k = (row.rem_euclid(TILE as i64) as usize) * TILE + column.rem_euclid(TILE as i64) as usize;
         self.tile.get(k).copied().unwrap_or(0.0)
     }
-    /// The sea at one time, as seen by the camera.
+    /// The sea at one time in view of the camera.
     pub(super) fn scene(&self, view: &CameraMotion, sun: Vector<TrueNed>, t_s: f32) -> SeaScene<'_> {
         let world = view.camera_from_world.inverse().0.to_rotation_matrix();
         let centre = view.centre.0.map(|v| v as f32);

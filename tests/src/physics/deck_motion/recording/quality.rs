@@ -93,7 +93,7 @@ fn needed(sd: f64, dt: f64, size: f64) -> f64 {
 }
 
 struct Steps {
-    /// Common divisor of all changes; 0 if there is none.
+    /// Common divisor of all changes; 0 without one.
     size: f64,
     /// Median change; 0 without changes.
     typical: f64,
