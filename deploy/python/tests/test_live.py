@@ -57,12 +57,15 @@ class Landing(unittest.TestCase):
         page = (ROOT / "deploy/docs/radio.md").read_text(encoding="utf-8")
         (code,) = re.findall(r"^```python\n(import zenoh\n.*?)^```$", page, re.M | re.S)
         code = code.replace("udp/192.168.7.1:7447", endpoint)
-        loop = subprocess.Popen([sys.executable, "-u", "-c", code], **PIPES)
-        self.addCleanup(ended, loop)
-        timer = threading.Timer(WAIT_S, loop.kill)
-        timer.start()
-        self.addCleanup(timer.cancel)
-        lines = list(itertools.takewhile(lambda line: "octet-stream" not in line, loop.stdout))
+        lines = []
+        # Zenoh's client ends at once while nobody listens.
+        while not lines and time.monotonic() < until:
+            loop = subprocess.Popen([sys.executable, "-u", "-c", code], **PIPES)
+            self.addCleanup(ended, loop)
+            timer = threading.Timer(WAIT_S, loop.kill)
+            timer.start()
+            self.addCleanup(timer.cancel)
+            lines = list(itertools.takewhile(lambda line: "octet-stream" not in line, loop.stdout))
         self.assertEqual((len(lines), loop.poll()), (11, None), "schemas, and then a sample")
 
     @unittest.skipUnless(HAS_ZENOH and importlib.util.find_spec("rosbags"), "needs eclipse-zenoh and rosbags")
