@@ -40,7 +40,7 @@ config! {
         /// Chosen: the best of ten delays of 50 +- 20 ms varies by about 10 ms.
         pub step_s: f64 = 0.04, in 0.005..=1.0;
         /// Minimum of the stated standard deviation, s.
-        /// Chosen: a tenth of the world's 10 ms tick.
+        /// Chosen: a tenth of the simulated world's tick of 10 ms.
         pub min_sd_s: f64 = 0.001, in 1e-6..=0.1;
     }
 }

@@ -10,7 +10,7 @@ const MAX_ARRIVALS: usize = 256;
 #[derive(Clone, Copy, Debug)]
 struct Admitted {
     at: Time<DroneClock>,
-    /// Difference between its sequence number and the previous one: 1 without loss.
+    /// Sequence number minus the previous one: 1 without loss.
     advance: u32,
     latency_s: f64,
 }
@@ -68,7 +68,7 @@ impl LinkStatistics {
             .map_or(f64::INFINITY, |v| (now - v).secs().max(0.0))
     }
 
-    /// Fractions of missing and overtaken estimates; 0 without any. On datagram links the middleware discards
+    /// Fractions of missing and overtaken estimates; 0 without estimates. On datagram links the middleware discards
     /// overtaken packets, which count as missing (30 ms of jitter at 30 Hz: 42 % at 30 % actual loss).
     pub fn loss(&mut self, now: Time<DroneClock>) -> (f64, f64) {
         let window = self.window_s;
@@ -84,7 +84,7 @@ impl LinkStatistics {
         }
     }
 
-    /// Median and 99th percentile of the latency over the window, s; 0 without any.
+    /// Median and 99th percentile of the latency over the window, s; 0 without estimates.
     pub fn latency_s(&mut self) -> (f64, f64) {
         self.sorted.clear();
         self.sorted.extend(self.arrivals.iter().map(|a| a.latency_s));

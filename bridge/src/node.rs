@@ -88,7 +88,7 @@ const MAX_OPEN: usize = 16;
 #[derive(Clone, Copy, Debug)]
 struct Request {
     at: Time<DroneClock>,
-    /// The current computer has replied.
+    /// The current computer has replied to this request.
     answered: bool,
 }
 
@@ -136,7 +136,7 @@ impl Bridge {
             status: StatusReport::default(),
         }
     }
-    /// Sets the time within which a landed drone disarms; later, its status reports it as still armed.
+    /// Sets the time within which a landed drone disarms; after it, the status reports the drone as still armed.
     #[must_use]
     pub fn disarmed_within(mut self, disarm_s: f64) -> Self {
         self.status.disarm_s = disarm_s;
@@ -216,7 +216,7 @@ impl Bridge {
                         let given = self.on_own_clock(arrival, &m.header).map(|(at, _)| at);
                         given.filter(|_| why == RejectionReason::Stale).unwrap_or(arrival)
                     }
-                    // An abort is accepted from either of the vessel's computers; its original clock is unknown here.
+                    // An abort is accepted from either vessel computer, as of its arrival: the computer's clock is unknown here.
                     Err(RejectionReason::Boot | RejectionReason::SecondSender)
                         if m.kind == CommandKind::Abort =>
                     {
@@ -241,7 +241,7 @@ impl Bridge {
         arrival: Time<DroneClock>,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
-        // The missing base may still arrive without being late, because a joining drone asks for it.
+        // Not admitted yet: the missing base, which a joining drone asks for, would then arrive out of order.
         if !self.updates.has_base(m) {
             return Ok(None);
         }

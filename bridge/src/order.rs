@@ -92,8 +92,8 @@ impl Boots {
             Other { .. } => Boot::Other,
         }
     }
-    /// Records an admitted message of the current computer that was sent at `sent` or later, on our clock. Boots
-    /// received before that belong to another computer.
+    /// Records an admitted message of the current computer that was sent at `sent` or later, on our clock. Any other
+    /// boot that was received before `sent` belongs to another computer.
     pub fn received(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
         if let Some(current) = &mut self.current {
             current.received = current.received.max(now);
@@ -124,8 +124,8 @@ impl Boots {
             });
         }
     }
-    /// Records a reply of this boot to a request sent at `asked`. Returns true if it is the former computer:
-    /// its supposed restart is then another computer, and the former must become current again.
+    /// Records a reply of this boot to a request sent at `asked`. Returns true if the reply is from the former
+    /// computer: the supposed restart is then another computer, and the former must become current again.
     pub fn returns(&mut self, now: Time<DroneClock>, boot: u32, asked: Time<DroneClock>) -> bool {
         let Some(current) = self
             .current
@@ -252,7 +252,7 @@ mod tests {
         let mut b = Boots::default();
         b.adopt(at(0.0), 7);
         b.observe(at(1.0), 8);
-        // Sent before the other computer was first received, so the current one may have ended since.
+        // Sent before the other computer was first received: the current computer may have ended since.
         b.received(at(1.2), at(0.9));
         assert_eq!(b.second(at(1.2)), None);
         b.received(at(1.3), at(1.1));

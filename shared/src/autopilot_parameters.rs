@@ -28,7 +28,7 @@ pub enum Severity {
     Warn,
 }
 
-/// One parameter.
+/// Parameter of an autopilot, with its requirement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
     /// Name in the autopilot.

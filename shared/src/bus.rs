@@ -1,7 +1,7 @@
 //! Bus between the rows of a computer, and wiring of nodes to it. A row is a node with its ports, run by one process.
 //!
-//! Each node declares its wiring once with [`wiring!`]: topics that it reads (newest or all messages),
-//! writes, and is woken by, and its checkpoint. The [`Bus`] is implemented in another crate.
+//! Each node declares its wiring once with [`wiring!`]: topics that it reads (newest or all messages), writes and is
+//! woken by, and its checkpoint. The [`Bus`] is implemented in another crate.
 
 mod absent;
 
@@ -16,7 +16,7 @@ use crate::step::{Parts, Recorded, Step};
 use crate::time::{Span, Time};
 use crate::topics::{self, Topic};
 
-/// Transport of topics between the rows of a computer.
+/// Transport of messages between the rows of a computer.
 pub trait Bus {
     /// Error of opening a port.
     type Error;
@@ -99,8 +99,8 @@ pub trait Ports<B: Bus>: Sized {
     fn unsent(&self) -> u64;
 }
 
-/// Checkpoint topic of a node, which reads its predecessor's checkpoint until it first writes its own, to
-/// avoid reading that back.
+/// Checkpoint topic of a node. The node reads its predecessor's checkpoint until it first writes its own, which it
+/// must not read back.
 pub struct Saved<B: Bus, M: Plain> {
     own: B::Writer<M>,
     predecessor: Option<B::Reader<M>>,
@@ -215,7 +215,7 @@ impl<N: Wired, B: Bus> Row<N, B> {
     pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
         let mut input = self.ports.read(clock().nanos());
         edge.read(&mut input);
-        // Read after the messages, so that no step precedes its input, even if the process was delayed in between.
+        // The clock is read after the messages, so that no step precedes its input even if the process was delayed.
         let at = clock();
         self.stepped = Some(at);
         let mut out = self.node.step(at, &input);
@@ -239,7 +239,7 @@ pub struct ReadCounts {
     missed: u64,
     /// Boot and sequence of the newest message.
     order: Option<(u32, u32)>,
-    /// Bit mask of the newest message (lowest bit) and its predecessors; set if read, or before the first.
+    /// Bit mask of the newest message (lowest bit) and its predecessors; set for messages read or before the first one.
     read: u64,
     newest_ns: Option<i64>,
 }
@@ -267,7 +267,7 @@ impl ReadCounts {
                 self.missed += ahead as u64 - 1;
                 self.read = self.read.checked_shl(ahead as u32).unwrap_or(0) | 1;
             }
-            // A message that was counted as missed because others overtook it, or a repetition.
+            // A repetition, or an overtaken message that was counted as missed.
             Some(behind @ -63..=0) => {
                 let own = 1 << -behind;
                 self.missed -= u64::from(self.read & own == 0);

@@ -5,7 +5,7 @@ use crate::time::{Clock, Time};
 /// A node computes: it never waits, reads a clock, opens a socket or draws an unseeded random number. It runs
 /// in the lock-step world and as an operating-system process.
 pub trait Node {
-    /// Clock of the computer it runs on.
+    /// Clock of the node's computer.
     type Clock: Clock;
     /// Input since the last step: state streams are `Option` (newest value, if any), event streams are `Vec`.
     type In;

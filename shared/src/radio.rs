@@ -53,7 +53,7 @@ macro_rules! radio {
         impl RadioTopic {
             /// All radio topics.
             pub const ALL: &[RadioTopic] = &[$(RadioTopic::$name),*];
-            /// Row of the table.
+            /// Row of this topic in the table.
             pub const fn row(self) -> RadioRow {
                 match self {
                     $(RadioTopic::$name => RadioRow {

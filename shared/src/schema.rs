@@ -58,7 +58,7 @@ impl JsonSchema for F16 {
     }
 }
 
-/// Line of JSON between this program and another: name, version, schema.
+/// Format of a JSON line exchanged with another program: name, version, schema.
 pub type LineFormat = (&'static str, u32, fn() -> Schema);
 
 /// Schema of a message type.
@@ -130,7 +130,7 @@ type Object = serde_json::Map<String, Value>;
 /// Encoding of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SchemaKind<'a> {
-    /// Number with this `format`.
+    /// Number with the width in `format`.
     Number(&'a str),
     /// Boolean.
     Bool,

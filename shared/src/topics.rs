@@ -218,10 +218,10 @@ topics! {
         MISSION_CHECKPOINT: "mission/checkpoint", msg::MissionCheckpoint, 50.0 Hz, 5000 ms, 4 deep;
         /// Checkpoint of the predictor. When it is stale, the odometry and the drone have drifted.
         PREDICTOR_CHECKPOINT: "deck/checkpoint", msg::PredictorCheckpoint, 50.0 Hz, 2000 ms, 4 deep;
-        /// Checkpoint of the autopilot link. A killed link is back after 0.4 to 0.7 s on a busy computer. PX4
-        /// has then switched from OFFBOARD to its hold, and returns with the first set-points if no other
-        /// mode was chosen. The next report of the mode, within half a second, shows this; until then no
-        /// set-point is followed.
+        /// Checkpoint of the autopilot link. A killed link is back after 0.4 to 0.7 s on a busy computer. By then PX4
+        /// has switched from OFFBOARD to its hold, and returns to OFFBOARD at the first set-points if no other mode
+        /// was chosen. The next report of the mode, within half a second, shows this; until then no set-point is
+        /// followed.
         LINK_CHECKPOINT: "drone/checkpoint", msg::LinkCheckpoint, 50.0 Hz, 1500 ms, 4 deep;
         /// Measurements of the vessel's sensors.
         SENSORS: "vessel/sensors", msg::SensorReadings, 100.0 Hz, 500 ms, 64 deep;
@@ -249,7 +249,7 @@ topics! {
 }
 
 impl crate::process::ProcessKind {
-    /// Output topic that other processes wait for; None: the process waits for images, orders or a world.
+    /// Output topic that other processes wait for; None: the process waits for images, orders or the simulated world.
     pub const fn awaited(self) -> Option<&'static Topic> {
         match self {
             Self::Vessel => Some(&ESTIMATE),

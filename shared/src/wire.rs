@@ -88,7 +88,7 @@ pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> 
     }
 }
 
-/// Hash of a value's record (XXH3); different records share one with probability 1/2^64.
+/// Hash of a value's record (XXH3); different records have the same hash with probability 1/2^64.
 pub fn hash_record<T: Serialize>(record: &T) -> Result<u64, WireError> {
     let mut hash = Xxh3Default::new();
     append_record(&mut hash, record)?;

@@ -9,7 +9,7 @@ use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
 use crate::deck::MAX_DRONES;
 
-/// Time for which a drone may follow this computer's former boot: ten times its acceptance of a restart.
+/// Time for which a drone may follow this computer's former boot: ten times its wait before accepting a restart.
 const RESTART_TIMEOUT: Span = Span::from_millis(5000);
 /// Age up to which a request counts; a drone sends two per second.
 const FRESH: Span = Span::from_millis(3000);

@@ -91,7 +91,7 @@ struct SourceState {
 }
 
 impl SourceState {
-    /// Rejects the samples of a stuck inertial sensor, which is replaced as after a silence.
+    /// Rejects the samples of a stuck inertial sensor, so that another one replaces it like a silent sensor.
     fn check_repetition(&mut self, m: &Measurement) -> Result<(), RejectionReason> {
         let Measurement::Imu(sample) = m else {
             return Ok(());

@@ -1,10 +1,10 @@
 //! Rate control of the broadcast: lower rates while the radio link is congested, full rates while it is free.
 //!
-//! Each time request of a drone states the time of validity of its newest estimate. The time from there to
-//! the request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next
-//! request and the delay back. Its minimum over the last minute is the delay of a free link; the excess is
-//! queueing delay. Loss is not a sign of congestion, because a bad link loses messages at any rate. The rate
-//! rises quickly to the last point of congestion, slowly beyond it, and falls by a factor (Jacobson 1988).
+//! Each time request of a drone states the time of validity of its newest estimate. The time from this to the
+//! request's arrival, on the vessel's clock, contains the delay to the drone, the wait for its next request and the
+//! delay back. Its minimum over the last minute is the delay of a free link; the excess is queueing delay. Loss is
+//! not a sign of congestion, because a bad link loses messages at any rate. The rate rises quickly to the last point
+//! of congestion, slowly beyond it, and falls by a factor (Jacobson 1988).
 //!
 //! All drones receive one broadcast. The worst link limits its rate; during a descent only the descending
 //! drone's link does, and a drone that connects in the meantime waits.

@@ -1,4 +1,4 @@
-//! The mission applies all of them; the vessel's relay and the drone's bridge apply some.
+//! Rules for accepting operator commands: the mission applies all, the vessel's relay and the drone's bridge some.
 //!
 //! - A command is accepted once. Its repetitions carry its original time, by which they are recognised to
 //!   within the clock error, even with another sequence number or from a restarted relay.
@@ -145,7 +145,7 @@ impl<C: Clock> CommandAdmission<C> {
             self.order = Some([command.header.boot, command.header.sequence]);
         }
     }
-    /// Whether this command was accepted before. The repetition of an abort becomes the acknowledged one.
+    /// Whether this command was accepted before. A repeated abort becomes the acknowledged command.
     fn is_repeated(&mut self, command: &OperatorCommand<C>) -> bool {
         let h = &command.header;
         let same_time = |other: &Header<C>| (-SAME_COMMAND..=SAME_COMMAND).contains(&(h.at - other.at));

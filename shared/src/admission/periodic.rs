@@ -17,7 +17,7 @@ impl<C: Clock> Periodic<C> {
     pub fn restart(&mut self, now: Time<C>, period: Span) {
         self.next = Some(now + period);
     }
-    /// Whether the task is due, at least one `period` after the last time; the first call returns true.
+    /// Whether the task is due, at least one `period` after its last run; the first call returns true.
     pub fn is_due_spaced(&mut self, now: Time<C>, period: Span) -> bool {
         let ready = self.is_ready(now);
         if ready {

@@ -48,7 +48,7 @@ reasons! {
     OutOfRange: "out of range",
     /// Time reply that matches no pending request.
     Unsolicited: "unsolicited replies",
-    /// Time reply with an impossible round trip, or with an outlying one.
+    /// Time reply with a round trip that is impossible or an outlier.
     RoundTrip: "impossible round trips",
     /// Drone state unknown at the message's time.
     NoDroneState: "without odometry of its time",

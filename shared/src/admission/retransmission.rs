@@ -39,7 +39,7 @@ impl<S: Clock, M: Copy> Retransmission<S, M> {
 }
 
 impl<S: Clock> Retransmission<S, Command> {
-    /// Whether the mission's state accepts the command or rejects it; None: not acknowledged yet.
+    /// Whether the mission has accepted or rejected the command, by its state; None: not acknowledged yet.
     pub fn answered(&self, mission: &MissionState) -> Option<bool> {
         let Command { header, kind } = &self.message;
         mission

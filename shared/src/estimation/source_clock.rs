@@ -18,11 +18,11 @@ const MAX_DELAY_S: f64 = 2.0;
 const AGREEING: u32 = 10;
 /// Maximum arrival jitter, s; also about the maximum age of an admitted fix or heading.
 pub const JITTER_S: f64 = 0.3;
-/// Time for which consecutive stamps must deviate by the same amount, which no delay explains, before the clock is taken as
-/// set, s. A clock set back (as at a leap second) repeats stamps while messages arrive; with a clock set forward,
-/// measurements would arrive before they were made. Two stamps at 1 Hz with jitter are sufficient.
+/// Time for which consecutive stamps must deviate by the same amount, which no delay explains, before the clock
+/// counts as stepped, s. A clock set back (as at a leap second) repeats stamps while messages arrive; with a clock
+/// set forward, measurements would arrive before they were made. Two stamps at 1 Hz with jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// Time to forget a deviation that a delay could explain, s: a backlog is cleared by then.
+/// Time after which a lasting deviation that a delay could explain counts as a step, s: a backlog is cleared by then.
 pub const HELD_UP_S: f64 = 10.0;
 /// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;
@@ -44,14 +44,13 @@ pub struct SourceClock<C: Clock> {
     step_s: f64,
 }
 
-/// Smallest offset observed.
 #[derive(Clone, Copy, Debug)]
 struct Smallest<C: Clock> {
     bounds: OffsetBounds<C>,
     /// Times of the first and the newest offset that confirm it.
     since: Time<C>,
     supported: Time<C>,
-    /// Smallest later offset that does not confirm this one, and number of these.
+    /// Smallest of the later offsets that do not confirm this one, and their number.
     later: (Span, u32),
 }
 
@@ -64,7 +63,7 @@ impl<C: Clock> Smallest<C> {
             later: (Span::MAX, 0),
         }
     }
-    /// Smaller of `measured` and this offset propagated as `drifted`; if this is unconfirmed, the smallest later one.
+    /// Smaller of `measured` and this offset propagated as `drifted`; if this offset is unconfirmed, the smallest later one.
     fn and(self, drifted: OffsetBounds<C>, measured: OffsetBounds<C>) -> Self {
         let now = measured.at;
         let excess_s = (measured.high - drifted.high).secs();

@@ -36,7 +36,7 @@ const TILT_SD_RAD: f64 = 0.6 * core::f64::consts::PI / 180.0;
 const PLACE_SD_M: f64 = 0.03;
 /// Duration of an alignment, s, during which unfollowed deck motion separates drone and deck.
 const ALIGNMENT_S: f64 = 0.1;
-/// Increase of the deck's uncertainty between decision and contact by wave groups, as a factor.
+/// Factor by which wave groups increase the deck's uncertainty between decision and contact.
 const CHANGES: f64 = 1.3;
 /// Standard deviation per axis of the unfinished part of a turn of `w_s / g`: maximum-likelihood fit to 60 landings begun
 /// at random moments in 12 m/s (acceleration 2 to 4.4 m/s²).
@@ -80,7 +80,7 @@ pub struct Contact {
     pub turn_mps: f64,
     /// Remainder of the present speed along the deck, m/s.
     pub left_mps: f64,
-    /// Standard deviation of the deck speed gained unforeseen within the reaction time, m/s: horizontal axis, vertical.
+    /// Standard deviation of the unforeseen deck speed gained within the reaction time, m/s: per horizontal axis, vertical.
     pub unforeseen_mps: [f64; 2],
     /// Separation speed of deck and aligned drone, m/s.
     pub parted_mps: f64,

@@ -53,9 +53,9 @@ pub fn smaller(a: f64, b: f64) -> f64 {
     if a.is_nan() || a < b { a } else { b }
 }
 
-/// Probability that a normal variable in the plane with offset `mean` and standard deviation `sd` per axis
-/// lies within `radius` of the origin (Rice), to 5e-5: with `x = radius sin t = mean + sd u` `∫ phi(u)
-/// erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`; NaN for a NaN argument.
+/// Probability that a normal variable in the plane with offset `mean` and standard deviation `sd` per axis lies within
+/// `radius` of the origin (Rice), to 5e-5: the integral `∫ phi(u) erf(radius cos t / (sd sqrt 2)) (radius cos t / sd) dt`
+/// with `x = radius sin t = mean + sd u`; NaN for a NaN argument.
 pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
     /// Standard deviations beyond which the density is negligible.
     const REACH: f64 = 6.0;

@@ -63,7 +63,7 @@ impl Odds {
         let harm = self.harm();
         (harm > max).then_some(Reason::new(ReasonCode::HarmLikely, harm, max))
     }
-    /// Reason if the probability of a landing is below `needed`, with that probability and the limit with the lowest one.
+    /// Reason if the probability of a landing is below `needed`: that probability, and the limit that is most likely to be missed.
     pub fn below(&self, needed: f64) -> Option<Reason> {
         let p = self.whole();
         let lower = |a: (Limit, f64), b: (Limit, f64)| if b.1 < a.1 || b.1.is_nan() { b } else { a };

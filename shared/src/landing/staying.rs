@@ -4,7 +4,7 @@
 //! apparent slope `s = f_xy / |f_z|` and the wind's acceleration `w` of a standing drone, `|s - w / g| <= mu`. Any
 //! excess moves the drone, and it is lost when it reaches the edge. A wave is a sine of amplitude `A` and of the waves'
 //! mean frequency `omega`, `A = m x / sin(x)`, `x = omega T / 2`, where `m` is the predicted or measured mean over the
-//! second `T` about its peak. With a bias `b` of wind, trim and heel along the wave, it moves the drone by
+//! second `T` about its peak. With a bias `b` (wind, trim and heel along the wave), a wave moves the drone by
 //!
 //! `d = 9/2 g (A + b - mu)+² / (A omega²)`
 //!
@@ -52,8 +52,8 @@ const PEAK_SD: f64 = 0.3;
 const MEAN_S: f64 = 1.0;
 /// Range of wave periods, s: no drone rides on a hull with faster motion, and slower waves act as a constant slope.
 const PERIOD_S: [f64; 2] = [1.7, 12.0];
-/// Assumed wave period without a prediction, s: peaks as high as those of the fastest waves, lasting as long
-/// as a boat's roll.
+/// Assumed wave period without a prediction, s: peaks as high as those of the fastest waves, which last as long as
+/// those of a boat's roll.
 const UNKNOWN_PERIOD_S: f64 = 2.3;
 /// Time from the start of a descent to rest on the deck, s: 4 to 6 s of descent, at rest 4 s later.
 const TIME_TO_REST_S: f64 = 10.0;
@@ -65,7 +65,7 @@ const JUST_NOW_S: f64 = 4.0;
 const UNKNOWN_SD: f64 = 0.08;
 /// Minimum standard deviation of any slope: resolution of the measurement, and roughness of the deck.
 const MIN_SD: f64 = 0.02;
-/// Time after the contact during which the rotors still lift, s, and the fraction of weight on the deck meanwhile.
+/// Time after the contact during which the rotors still produce lift, s, and fraction of the weight on the deck until then.
 const PRESS_S: f64 = 0.2;
 const PRESSED: f64 = 0.65;
 /// Relative standard deviation of the length of a slide.
@@ -73,7 +73,7 @@ const SLIDE_SD: f64 = 0.4;
 /// Gust samples on either side of the mean, and their spacing in standard deviations.
 const GUSTS: i32 = 6;
 const GUST_STEP: f64 = 0.5;
-/// Duration of a slope that exceeds the friction, s: half a wave.
+/// Time for which a steep slope exceeds the friction, s: half a wave.
 const SLIDES_S: f64 = 1.0;
 /// Time until the crew secures a landed drone, s.
 const STAY_S: f64 = 60.0;
@@ -83,7 +83,7 @@ const STAY_S: f64 = 60.0;
 pub struct Staying {
     /// Probability that it stays.
     pub probability: f64,
-    /// Touchdown target from which the drone comes to rest about the deck's centre, relative to it, NED, m.
+    /// Touchdown target relative to the deck's centre, NED, m, from which the drone comes to rest about the centre.
     pub meets: Vector2<f64>,
 }
 

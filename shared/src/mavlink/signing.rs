@@ -95,7 +95,7 @@ impl Signing {
             any_time: false,
         }
     }
-    /// This key with any timestamp, for an autopilot that learns the time from our replies.
+    /// Signing with this key at any timestamp, for an autopilot that learns the time from our replies.
     #[must_use]
     pub fn at_any_time(&self) -> Signing {
         Signing {
@@ -114,7 +114,7 @@ impl Signing {
         for stream in before.streams.iter() {
             match times.streams.iter_mut().find(|s| s.from == stream.from) {
                 Some(known) => known.newest = known.newest.max(stream.newest),
-                // The list is full only if as many new streams have appeared at once.
+                // The list is full only if that many new streams have appeared since the start.
                 None => drop(times.streams.push(*stream)),
             }
         }

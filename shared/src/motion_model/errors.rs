@@ -159,8 +159,8 @@ impl<C: Clock> ForecastErrors<C> {
             _ => 1.0 / squares[d].max(1e-12),
         })
     }
-    /// Ratio of recent to usual mean squares at the shortest horizons, at least 1. A change shows there long before longer
-    /// predictions are due, which it also affects: they start from before the unforeseen acceleration.
+    /// Ratio of recent to usual mean squares at the shortest horizons, at least 1. A change shows there long before
+    /// longer predictions are due. It affects these, too, because they start before the unforeseen acceleration.
     fn recent_increase(&self) -> [f64; DOFS] {
         let ratio = |h: usize, d: usize| {
             let usual = self.0.squares[h][d].max(f64::MIN_POSITIVE);

@@ -17,7 +17,7 @@ pub(super) const LAG: [usize; LAGS] = [
     0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 16, 20, 24, 28, 32, 36, 40, 44, 48, 52, 56,
 ];
 pub(super) const PAST: usize = 57;
-/// Samples between two steps of the future.
+/// Spacing of the predicted future values, samples.
 pub(super) const STRIDE: usize = 2;
 pub(super) const AHEAD: usize = 15;
 pub(super) const REACH: usize = STRIDE * AHEAD;

@@ -48,9 +48,9 @@ enum Stage {
     /// Coefficients, inputs x outputs.
     Reduce(Mat<f64>),
     Modes {
-        /// State from inputs.
+        /// Matrix from inputs to the state.
         state: Mat<f64>,
-        /// Outputs from the state.
+        /// Matrix from the state to outputs.
         observe: Mat<f64>,
     },
 }
@@ -101,7 +101,7 @@ impl Fit {
         let mean_in: DVector<f64> = mean.rows(0, INPUTS).into_owned();
         let mean_out: DVector<f64> = mean.rows(INPUTS, OUTPUTS).into_owned();
         let variance_in = |i: usize| sums.products[(i, i)] / w - mean_in[i] * mean_in[i];
-        // A common scale for each channel and degree of freedom preserves the shift of the future.
+        // One scale for all lags of a channel, and for all steps of a degree of freedom, so that steps can be shifted.
         let channel: [f64; CHANNELS] = core::array::from_fn(|c| {
             let sum: f64 = (0..LAGS).map(|l| variance_in(CHANNELS * l + c)).sum();
             (sum / LAGS as f64).max(1e-12).sqrt()
@@ -190,7 +190,7 @@ impl Fit {
         })
     }
 
-    /// Transition from the shift of the future, and its modes.
+    /// Transition, from the future shifted by a step, and its modes.
     fn model(&self, state: &Mat<f64>, observe: &Mat<f64>) -> Option<Model> {
         let x = self.gram.as_ref() * state;
         let covariance = state.transpose() * &x;
@@ -222,8 +222,8 @@ impl Fit {
         for k in 0..ORDER {
             let value = values[k];
             let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
-            // Keeps one of each conjugate pair. A negative real eigenvalue oscillates at half the sampling rate, which is
-            // no motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
+            // Keeps one of each conjugate pair. A negative real eigenvalue oscillates at half the sampling rate and is not
+            // a motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
                 continue;
             }

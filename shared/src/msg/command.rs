@@ -29,7 +29,7 @@ pub enum CommandKind {
 /// Command to the mission.
 pub type Command = OperatorCommand<DroneClock>;
 
-/// Command for the drone in its header, from an operator to the vessel, to the drone, and to the mission.
+/// Command for the drone named in the header, passed from the operator to the vessel, the drone and the mission.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 #[serde(bound = "")]

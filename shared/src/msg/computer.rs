@@ -110,7 +110,7 @@ pub struct VesselReport {
     pub certificate: CertificateState,
 }
 
-/// Report of a computer about itself, with its configuration at the start, for observers instead of files.
+/// Report of a computer about itself, with its configuration at the start, so that observers need no files.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct ComputerReport {

@@ -220,7 +220,7 @@ pub struct DeckForecast {
     /// Consistency of the deck's height by rangefinder and by camera: normalised innovation squared, averaged
     /// over 3 s, as a recent maximum. About 1 if both match their stated errors; None without both.
     pub height_nis: Option<f64>,
-    /// Horizontal distance between the deck by vision and the deck by radio, and its bound, m; None if not detected.
+    /// Horizontal distance between the deck's positions by vision and by radio, and its bound, m; None if not detected.
     pub place_apart_m: Option<[f64; 2]>,
     /// Confidence in the wave model, 0 (broad default, or calm water) to 1.
     pub wave_confidence: f64,

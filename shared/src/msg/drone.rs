@@ -240,8 +240,8 @@ pub struct PredictorCheckpoint {
     pub vision_at: Time<DroneClock>,
     /// Newest fused tag detection.
     pub tag_at: Option<Time<DroneClock>>,
-    /// Slowly varying error of vision minus radio: north, east, down (m), tilt about the vessel's pitch and
-    /// roll axes at heading north, heading (rad).
+    /// Slowly varying error of vision minus radio: north, east, down (m), tilt about the pitch and roll axes of a
+    /// vessel that heads north, heading (rad).
     pub offset: [f64; 6],
     /// Standard deviations of the offset.
     pub offset_sd: [f64; 6],

@@ -27,7 +27,7 @@ pub enum BatteryPlace {
     Here,
 }
 
-/// Extent to which a landing is flown: steps towards a first landing.
+/// Extent to which a landing is flown, in steps towards a first landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]

@@ -208,7 +208,7 @@ reasons! {
     FalseTouchdown { "no touchdown: feet {v_two} m above the deck (limit {l_two})" }
     /// Mission restarted in flight near the deck, m above it.
     Restarted { "mission restarted in flight, feet {v_two} m above the deck" }
-    /// Battery below the reserve, fraction, with the deck below: the landing continues within wider limits.
+    /// Battery below the reserve, fraction: the drone lands on the deck, within wider limits.
     BatteryDeck { "battery at {v_percent:.0} % (needs {l_percent:.0} %): lands on the deck, within wider limits" }
     /// Tilt beyond the commanded one, rad: the autopilot loses attitude control.
     TiltExcess { "tilts {v_deg:.0} deg beyond what was commanded (limit {l_deg:.0})" }
@@ -224,7 +224,7 @@ reasons! {
     BatteryHome { "battery at {v_percent:.0} % (needs {l_percent:.0} %): the autopilot returns home" }
     /// Battery below the reserve, fraction: the autopilot lands at its present position.
     BatteryHere { "battery at {v_percent:.0} % (needs {l_percent:.0} %): the autopilot lands here" }
-    /// Aborted by an operator where a climb would meet the deck harder than the landing, which is completed.
+    /// Aborted by an operator where a climb would hit the deck harder than the landing: the landing is completed.
     CompletesLanding { "stopped where a climb would hit the deck harder than the landing: completes the landing" }
     /// The autopilot has not reported the origin of its NED.
     NoOrigin { "the autopilot has not reported its origin (GPS_GLOBAL_ORIGIN)" }

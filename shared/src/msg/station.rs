@@ -110,7 +110,7 @@ pub struct KeptStation {
 }
 
 impl KeptStation {
-    /// This station with the time left at `now`, in whole minutes, stored in `until` as time since the clock's epoch.
+    /// This station with `until` replaced by the time left at `now`, in whole minutes after the clock's epoch.
     pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
         let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
         KeptStation {
@@ -118,7 +118,7 @@ impl KeptStation {
             ..*self
         }
     }
-    /// This station with the time left, as stored by [`Self::left_at`], counted from `now`.
+    /// This station with the time left that [`Self::left_at`] stored, counted from `now`.
     pub fn begun_at(&self, now: Time<DroneClock>) -> KeptStation {
         KeptStation {
             until: now + (self.until - Time::EPOCH),

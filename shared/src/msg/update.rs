@@ -1,4 +1,4 @@
-//! Radio forms of the vessel's estimate and wave model: every message carries what changes, a few also the rest.
+//! Radio forms of the vessel's estimate and wave model: the changing part in every message, the rest in some.
 //!
 //! # Byte layout on the wire
 //!
@@ -100,7 +100,7 @@ pub struct EstimateRest {
 }
 
 impl EstimateRest {
-    /// Checksum of its datum; two datums share one with probability 1/65536.
+    /// Checksum of its datum; two datums have the same checksum with probability 1/65536.
     fn datum_sum(&self) -> u16 {
         // Serialization of three numbers cannot fail.
         hash_record(&self.datum).map_or(0, |hash| (hash >> 48) as u16)
@@ -164,7 +164,7 @@ pub struct WaveUpdate<C: Clock> {
     pub significant_height_m: f32,
     /// Fraction of the motion's variance that the modes predict one second ahead, 0 to 1.
     pub confidence: f32,
-    /// Sequence number of the whole model that this one continues; its own if it is whole.
+    /// Sequence number of the whole model that this message continues, or of this message if it is whole.
     pub base: u32,
     /// Complex factors that multiply the shapes of the base's modes; empty in a whole model.
     #[schemars(with = "Seq<[F16; 2], MAX_MODES>")]
@@ -192,7 +192,7 @@ impl<C: Clock> WaveUpdate<C> {
             advice: m.advice,
         }
     }
-    /// Form that continues `base`; None if that is too old, has other modes, or one factor per mode is too
+    /// Form that continues `base`; None if `base` is too old or has other modes, or if one factor per mode is too
     /// inaccurate. The shapes of a mode change together, except in the vessel's own axes during a turn.
     fn continued(m: &WaveModel<C>, base: &WaveModel<C>) -> Option<Self> {
         let same = m.header.boot == base.header.boot

@@ -19,10 +19,10 @@
 //! components), then additional states (sensor biases), then `[value, rate]` per component ([`Layout::value`],
 //! [`Layout::rate`]).
 //!
-//! **Frame.** Vessel-parallel at a *reference heading*, stored by the owner of the [`Belief`]: the state is
-//! linear in a frame rotated by it from NED, and [`Belief::turn`] rotates the state when it changes. At zero
-//! the state is in NED, as are the [`Modes`]; roll and pitch are then those of a vessel with the same deck
-//! normal that heads north ([`turn_tilt`]).
+//! **Frame.** Vessel-parallel at a *reference heading*, stored by the owner of the [`Belief`]: the state is linear in
+//! a frame rotated from NED by this heading, and [`Belief::turn`] rotates the state when the heading changes. At a
+//! reference heading of zero the state is in NED, as are the [`Modes`]; roll and pitch are then those of a vessel
+//! that heads north with the same deck normal ([`turn_tilt`]).
 //!
 //! Typical use: [`VesselModel::with_bank`], [`Belief::new`], then [`Belief::propagate`] by a [`BeliefStep`]
 //! per step and [`Belief::update`] per scalar measurement.

@@ -94,7 +94,7 @@ impl From<&WaveMode> for Mode {
 pub struct Modes<C: Clock> {
     /// Time of validity of the shapes.
     pub at: Time<C>,
-    /// Modes; the vessel's motion is the sum of theirs.
+    /// Modes; the vessel's motion is the sum of their motions.
     pub modes: Vec<Mode>,
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 /// Maximum size of a query with payload, bytes; ours have no payload.
 const MAX_QUESTION_BYTES: usize = 256;
-/// Maximum query rate per key and link, Hz. A drone queries once on connection. Ten links exhaust a key.
+/// Maximum query rate per key and link, Hz. A drone queries once on connection. Ten links use up a key's reply rate.
 const MAX_QUESTION_HZ: f64 = 2.0;
 
 /// Key chunk under a name for the schemas of its messages; `**` of other programs does not match it.

@@ -75,8 +75,8 @@ impl Instance {
     pub fn name(&self) -> &str {
         &self.name
     }
-    /// Directory of its other files: the installed service's if it has this name, so that an operator's
-    /// commands find it; otherwise a temporary directory.
+    /// Directory of the instance's other files: that of the installed service if the instance has its name, so that
+    /// an operator's commands find it; otherwise a temporary directory.
     pub fn directory(&self) -> PathBuf {
         let name = format!("alight-{}", self.name);
         let of_service = std::path::Path::new(SERVICE).join(&name);

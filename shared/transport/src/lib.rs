@@ -23,11 +23,11 @@ use alight_shared::admission::Sender;
 
 #[derive(Clone, Debug)]
 pub struct Received {
-    /// Index of its subscription.
+    /// Index of the subscription that received the message.
     pub subscription: usize,
-    /// Publisher according to its key.
+    /// Publisher according to the message's key.
     pub sender: Sender,
-    /// Steady clock at its arrival, ns.
+    /// Steady clock at the arrival, ns.
     pub at_ns: i64,
     pub bytes: Vec<u8>,
 }

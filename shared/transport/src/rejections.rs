@@ -136,8 +136,8 @@ fn rejection_in(target: &str, text: &str) -> Option<AccessRejection> {
     (put && tried).then_some(AccessRejection::Key)
 }
 
-/// Connection attempts to the same port over TCP, which are counted and closed: QUIC runs over UDP, so no
-/// legitimate peer makes one.
+/// Connection attempts over TCP to the same port, which are counted and closed: QUIC runs over UDP, so no legitimate
+/// peer connects over TCP.
 pub(super) struct PlaintextAttempts(TcpListener);
 
 impl PlaintextAttempts {

@@ -8,8 +8,8 @@
 //! The slopes that move a landed drone are those of the last two minutes, as in the drone's own calculation,
 //! scaled on another course by the ratio of the modelled deviations.
 //!
-//! A change of course costs the time until the new course is steady, at the rate at which waiting costs in
-//! the drone's mission ([`WAITING_COST_PER_MIN`]).
+//! A change of course costs the time until the new course is steady, valued like waiting in the drone's mission
+//! ([`WAITING_COST_PER_MIN`]).
 //!
 //! One course is evaluated per step to keep steps short; a round begins every [`PERIOD_S`].
 
@@ -379,7 +379,7 @@ impl Conditions {
     }
 }
 
-/// Compared headings and speeds, present ones first: every heading at the present and each slower speed.
+/// Compared headings and speeds, present ones first: all headings at the present speed and at each slower one.
 fn courses(heading: f64, speed_mps: f64) -> Vec<[f64; 2]> {
     let slower = (1..MAX_SPEEDS)
         .map(|k| SPEED_STEP_MPS * k as f64)

@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 /// Minimum ratio of a push to the standard deviation at rest; noise alone reaches a ratio of four within minutes.
 const STANDS_OUT: f64 = 6.0;
-/// Ratio at which a push has ended.
+/// Ratio below which a push has ended.
 const OVER: f64 = 3.0;
 /// Minimum strength of a push relative to the strongest; weaker ones belong to another degree of freedom.
 const STRONG: f64 = 0.2;

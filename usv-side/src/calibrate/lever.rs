@@ -18,7 +18,7 @@ const MIN_FIXES: usize = 10;
 const MIN_WINDOWS: usize = 5;
 /// Number of samples on each side for averaging rates, whose noise biases `r` towards zero.
 const AROUND: usize = 2;
-/// Minimum standard error, m, and as a fraction of the distance (estimated 5 to 8 % short in simulation).
+/// Minimum standard error, m, and as a fraction of the distance (the estimate is 5 to 8 % short in simulation).
 const FLOOR_M: f64 = 0.005;
 const FLOOR_FRACTION: f64 = 0.05;
 
@@ -35,7 +35,7 @@ pub struct InertialState {
     pub acceleration: Vector3<f64>,
 }
 
-/// Newest state at or before `t_s` within one sample time, with its index.
+/// Newest state up to `t_s`, at most one sample time old, with its index.
 pub fn at(states: &[InertialState], t_s: f64) -> Option<(usize, &InertialState)> {
     let k = states.partition_point(|m| m.t_s <= t_s + 1e-6).checked_sub(1)?;
     let m = states.get(k)?;

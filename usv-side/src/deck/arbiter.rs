@@ -120,7 +120,7 @@ impl DeckArbiter {
     pub fn owner(&self) -> Option<u32> {
         self.owner
     }
-    /// Drone that was descending in its newest status, within the duration of a descent.
+    /// Drone that was descending in its newest status, if that is no older than a descent lasts.
     pub fn landing(&self, now: Time<VesselClock>) -> Option<u32> {
         let landing = |d: &&Drone| {
             d.claim == Claim::Landing && (now - d.received).secs() <= self.config.status_timeout_s
@@ -159,7 +159,7 @@ impl DeckArbiter {
         };
         self.drones.iter().filter_map(double)
     }
-    /// Number of rejected statuses: other vessel or version, out of order, surplus or duplicate drone.
+    /// Number of rejected statuses: of another vessel or version, out of order, or of a surplus or duplicate drone.
     pub fn rejected(&self) -> u64 {
         self.rejected
     }
@@ -356,7 +356,7 @@ impl DeckArbiter {
         }
     }
 
-    /// Whether the previous owner may not know yet that it gave way.
+    /// Whether the previous owner may not know yet that it has lost the deck.
     fn may_be_unknown(&self, now: Time<VesselClock>) -> bool {
         self.vacated.is_some_and(|t| now - t <= topics::DECK.stale_after)
     }
@@ -374,7 +374,7 @@ impl DeckArbiter {
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
         let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
-        // Facts before permissions: a drone on the deck or in descent owns it; the present owner comes first.
+        // Facts take precedence: a drone on the deck or in descent owns it. The present owner comes first.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
             .max_by_key(|d| (d.claim, owns(d)));

@@ -32,7 +32,7 @@ impl VesselFilter {
             self.open();
         }
         let mut rejected = 0;
-        // The same deck normal, expressed at the reference heading.
+        // Roll and pitch of the measured deck normal at the reference heading.
         let heading = self.tilt().heading - late * self.belief.get(YAW, NU);
         let (roll, pitch) = turn_tilt(fix.tilt[0], fix.tilt[1], -heading);
         let measured = [

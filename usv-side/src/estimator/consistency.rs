@@ -55,7 +55,7 @@ pub struct InnovationStatistics {
     pub fused: u64,
     /// Sum of the normalised innovations squared of the fused scalars.
     pub sum: f64,
-    /// Number of scalars inside the 95 % point.
+    /// Number of scalars below the 95 % point.
     pub inside: u64,
     /// Number of scalars rejected by the gate.
     pub rejected: u64,
@@ -66,7 +66,7 @@ impl InnovationStatistics {
     pub fn mean(&self) -> Option<f64> {
         (self.fused > 0).then(|| self.sum / self.fused as f64)
     }
-    /// Fraction of all scalars inside the 95 % point; 0.95 in a consistent filter.
+    /// Fraction of all scalars below the 95 % point; 0.95 in a consistent filter.
     pub fn fraction_inside(&self) -> Option<f64> {
         let all = self.fused + self.rejected;
         (all > 0).then(|| self.inside as f64 / all as f64)

@@ -329,7 +329,7 @@ impl VesselFilter {
         self.slow.turn(by);
     }
 
-    /// Standard deviation of the doubt about the heading, rad: a large compass bias may be a heading error.
+    /// Standard deviation of a suspected heading error, rad: a large compass bias may be a heading error.
     pub(super) fn heading_doubt(&self, config: &VesselNodeConfig) -> f64 {
         let bias = self.belief.get(YAW, COMPASS).abs();
         if bias > USUAL_BIAS * config.heading.bias_sd_deg.to_radians() {

@@ -97,7 +97,7 @@ impl ImuWindow {
 /// Mean of the samples, and difference between their two halves.
 type Mean = (Vector3<f64>, Option<Vector3<f64>>);
 
-/// Whether a rejected innovation is real motion, so that the samples agree: an outlier makes the halves
+/// Whether a rejected innovation is real motion: the halves of the samples then agree, whereas an outlier makes them
 /// differ by twice the innovation of the mean.
 fn is_impulse(innovation: f64, apart: f64, most: f64) -> bool {
     innovation.abs() < most && apart.abs() < innovation.abs()
@@ -235,7 +235,7 @@ impl VesselFilter {
             row.clear();
             self.belief.acceleration_terms(&self.model, axis, 1.0, &mut row);
             row.push(Term::new(axis, HEAD, 1.0));
-            // By gravity alone: the vertical force's fluctuation would separate tilt from bias only if no horizontal
+            // Gravity, not the measured vertical force: its fluctuation would separate tilt from bias only if no horizontal
             // force fluctuated with it. On a slamming hull at 7 m/s the bias grew to 1.4 m/s² and the tilt to 9 deg.
             let tilts = match axis {
                 SURGE => Some((PITCH, GRAVITY, lever_arm.z)),

@@ -40,8 +40,8 @@ const MAX_GAP_S: f64 = 2.0;
 /// Deviation from the mean heading that counts as a turn, rad (6 deg).
 const TURN_RAD: f64 = 0.1;
 
-/// Index in the heave block of GNSS height minus heave: mean water level plus the receiver's slow bias. The
-/// vessel's NED plane moves with it.
+/// Index in the heave block of GNSS height minus heave: mean water level plus the receiver's slow bias. The vessel's
+/// NED plane moves with this height.
 pub(crate) const GNSS_BIAS: usize = HEAD + 1;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -150,9 +150,8 @@ impl SlowMotion {
 
 /// Number of rejected values (of six) at which a fix counts as lost.
 const LOST_ROWS: u64 = 4;
-/// Consecutive rejected fixes (2 s) before a lost one after which the filter restarts, because not the
-/// receiver but the filter is wrong.
-/// taken to be wrong and restarts.
+/// Consecutive rejected fixes (2 s) before a lost one after which the filter, not the receiver, is assumed to be
+/// wrong and restarts.
 const LOST_FIXES: u32 = 20;
 
 impl Estimator {
@@ -408,13 +407,13 @@ impl VesselFilter {
         self.belief.propagate(&self.step);
         self.at += Span::from_secs(STEP_S);
     }
-    /// Ends a step with or without a measurement; a gap would discard the identification's record.
+    /// Ends a step with or without a measurement; a skipped step would discard the identification's record.
     fn end_step(&mut self) {
         self.remember();
         self.follow_heading();
         self.observe_motion();
     }
-    /// Propagates to within half a step of `ahead` seconds; a measurement ends the last step.
+    /// Propagates to within half a step of `ahead` seconds, and leaves the last step to be ended by a measurement.
     fn step_before(&mut self, ahead: f64) {
         let steps = (ahead / STEP_S).round().clamp(1.0, MAX_GAP_S / STEP_S) as u32;
         for _ in 1..steps {

@@ -23,7 +23,7 @@ const LATENCY_SD_S: f64 = 0.03;
 /// Course of the vessel: mean velocity (turning with the mean heading), modes, and the residual of both.
 struct Course<'a> {
     modes: &'a Modes<VesselClock>,
-    /// Time from the modes' validity to now, s, and the waves' displacement in it, north and east, m.
+    /// Time since the modes' validity, s, and displacement by the waves during it, north and east, m.
     since: f64,
     moved: Vector2<f64>,
     /// Present values, NED: m, m/s, rad, rad/s.

@@ -68,7 +68,7 @@ pub(super) fn play<D: SensorDecoder + ?Sized>(
     mut each: impl FnMut(&[u8], &D),
 ) -> Gather {
     let (mut gather, mut decoded) = (Gather::default(), Vec::new());
-    // A MAVLink decoder numbers the sensors of one autopilot.
+    // Only a MAVLink decoder numbers its sensors: those of one autopilot.
     let source = |m: &SourceMeasurement| match format == Format::Mavlink {
         true => m.measurement.source(),
         false => 0,

@@ -48,7 +48,7 @@ const COLUMNS: &str = "the columns are t_s and any of roll_deg, pitch_deg, headi
 const PLACE_SD_M: f64 = 0.02;
 /// Standard deviation of GNSS position and velocity, m, m/s.
 const GNSS_SD: [f64; 2] = [0.5, 0.1];
-/// Maximum interpolation gap in usual steps, and in s.
+/// Maximum interpolation gap in median steps, and in s.
 const APART: (f64, f64) = (3.0, 2.0);
 /// Range of the mean specific force that includes gravity, m/s²; it is 9.8 on a boat.
 const WITH_GRAVITY: core::ops::Range<f64> = 7.0..13.0;
@@ -83,7 +83,7 @@ impl<const N: usize> Series<N> {
             apart_s: (APART.0 * usual).min(APART.1),
         }
     }
-    /// Usual rate, Hz; 0 with fewer than two values.
+    /// Median rate, Hz; 0 with fewer than two values.
     fn hz(&self) -> f64 {
         let usual = self.apart_s / APART.0;
         if usual > 0.0 { 1.0 / usual } else { 0.0 }
@@ -367,7 +367,7 @@ impl Reading {
         )
     }
 
-    /// Notes on quantities whose use requires a missing quantity.
+    /// Notes on quantities that cannot be used without a missing one.
     fn notes(&self, table: &CsvTable) -> Vec<String> {
         let mut notes = Vec::new();
         if self.rated > 0 {

@@ -76,7 +76,7 @@ fn stuck_inertial_sensor_with_a_good_one() {
     for k in 0..500 {
         step(k, &|k| vec![imu(k)]);
     }
-    // The sensor sticks with fresh stamps; the other one replaces it as after a silence.
+    // The sensor repeats its sample with new time stamps; the other one replaces it like a silent sensor.
     let both = |k: i64| vec![frozen(k), ImuSample { source: 1, ..imu(k) }];
     let mut at = (SourceCounts::default(), SourceCounts::default());
     for k in 500..700 {
@@ -643,7 +643,7 @@ proptest! {
                 prop_assert!(p.check().is_ok());
             }
         }
-        // The estimate is back at the vessel at rest, or withheld.
+        // The estimate has returned to the vessel at rest, or is withheld.
         let mut last = None;
         for k in 700..2200 {
             last = n.step(time(k), &rest(k).into()).estimate.or(last);

@@ -25,11 +25,11 @@ pub use predictions::{HORIZONS_S, PredictionReview};
 const TICK: Span = Span::from_millis(10);
 /// Silence of all sources that is skipped, s.
 const JUMP_S: f64 = 5.0;
-/// Number of measurements after a jump ahead in time within which one must return to the former time for an outlier.
+/// Number of measurements after a jump ahead in time; if one of them returns to the former time, the jump is an outlier.
 const LOOK_AHEAD: usize = 20;
 /// Start of the evaluation, s, when the sea has been identified; in a shorter recording, a third of its length.
 const WARM_UP_S: f64 = 60.0;
-/// Minimum length of a gap in usual steps, and in s.
+/// Minimum length of a gap in median steps, and in s.
 const GAP_STEPS: f64 = 5.0;
 const GAP_S: f64 = 0.3;
 /// Standard deviations of assumed position and velocity without a receiver, m, m/s: a boat on station.
@@ -43,9 +43,9 @@ pub struct SourceReview {
     pub kind: &'static str,
     pub source: usize,
     pub samples: u64,
-    /// Usual rate (median step), Hz.
+    /// Rate by the median step, Hz.
     pub rate_hz: f64,
-    /// Number of silences longer than five usual steps and 0.3 s.
+    /// Number of silences longer than five median steps and 0.3 s.
     pub gaps: u64,
     pub longest_gap_s: f64,
     #[serde(flatten)]

@@ -113,7 +113,7 @@ pub struct Ridge {
 }
 
 impl Ridge {
-    /// Fits for these horizons (s) to the estimates of two minutes before `t`, but since `valid_from`; None
+    /// Fits for these horizons (s) to the estimates of the two minutes before `t`, but not before `valid_from`; None
     /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,

@@ -119,7 +119,7 @@ config! {
         pub tilt_sd_deg: f64 = 0.2, in 1e-3..=45.0;
         /// Positive direction of heave: up, down, or none if not measured.
         pub heave: HeaveSign = HeaveSign::Up;
-        /// Sentences without a time (HDT, THS, ROT, VTG, PRDID) belong to the next time, not to the previous
+        /// Sentences without a time (HDT, THS, ROT, VTG, PRDID) belong to the next time stamp, not to the previous
         /// one. Applies to recordings, and live until pauses between arrivals show the order.
         /// Source: most receivers start an epoch with a sentence that has a time.
         pub untimed_lead: bool = false;

@@ -37,9 +37,9 @@ pub(super) struct EllipsoidHeights {
 }
 
 impl EllipsoidHeights {
-    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is used, because its
-    /// height is based on it; if it cannot be a geoid height, the spread is the difference from the model. A separation of
-    /// exactly zero is ignored if `above_m`, sent with it, is plausible above the sea, and otherwise undecided.
+    /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is used, because its height
+    /// is based on it; if it cannot be a geoid height, the spread is the difference from the model. A separation of exactly zero is
+    /// ignored if `above_m`, sent with it, is plausible above the sea; otherwise it is used with this spread.
     pub(super) fn separation(&mut self, place: &Datum, above_m: f64, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
         let is_zero = stated == Some(0.0) && model.height_m.abs() > ZERO_M;

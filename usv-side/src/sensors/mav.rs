@@ -84,7 +84,7 @@ impl MavlinkDecoder {
         }
     }
 
-    /// Selects this system; zero: the first whose type is a boat.
+    /// Selects this system as the vessel's; zero: the first system whose type is a boat.
     pub fn of_system(self, system: u8) -> Self {
         MavlinkDecoder {
             systems: Systems::new(Some(system).filter(|s| *s > 0)),

@@ -472,7 +472,7 @@ impl NmeaDecoder {
             out.push(SourceMeasurement::new(at_ns, fix));
         }
     }
-    /// Ends the epoch; `next_ns` starts another.
+    /// Ends the epoch; `next_ns` is the time of the next one, if known.
     fn close(&mut self, next_ns: Option<i64>, out: &mut Vec<SourceMeasurement>) {
         self.emit(true, out);
         let at_ns = self.epoch.as_ref().map(|e| e.at_ns);

@@ -172,7 +172,7 @@ impl Source {
         all
     }
 
-    /// Measurement of part `number` without implausible channels; None if no channel is left.
+    /// Measurement of part `number` of the stream without implausible channels; None if no channel is left.
     fn plausible(&mut self, number: usize, boat: &mut Movement, m: Measurement) -> Option<Measurement> {
         let within = usize::from(m.source());
         let still = boat.take((number * self.plausible.len() + within) as u8, &m);

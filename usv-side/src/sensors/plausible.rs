@@ -1,7 +1,7 @@
 //! Plausibility of each channel of a measurement. An impossible channel is removed and reported; the others are used.
 //!
-//! A single value can violate a physical bound. A channel is also compared over a minute, which averages
-//! noise out, with another channel of its sensor or with its own mean. It is used again once it has passed a
+//! A single value can violate a physical bound. A channel is also compared over a minute, which averages noise out,
+//! with another channel of its sensor or with its own mean. A rejected channel is used again once it has passed a
 //! window. Measurements of a working sensor remain unchanged, bit for bit.
 
 mod agreement;
@@ -131,7 +131,7 @@ impl Default for Plausibility {
 }
 
 impl Plausibility {
-    /// Checks a measurement and its time of validity, given its contradictions with the other sensors.
+    /// Checks a measurement, including its contradictions with other sensors (`by_others`).
     pub(crate) fn take(&mut self, mut m: Measurement, by_others: &Contradicted) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
         let passed = Taken {
@@ -463,7 +463,7 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
     (kept, remarks.collect())
 }
 
-/// Removes a part from a source's measurements from `since` on. Returns the number affected.
+/// Removes a part from a source's measurements from `since` on. Returns the number of these measurements.
 fn retract(kept: &mut Vec<Measurement>, number: u8, part: Part, since: Time<VesselClock>) -> u64 {
     if part.is_whole() {
         let count = kept.len();

@@ -214,7 +214,7 @@ impl RtcmTraffic {
         status.decoded.corrupted = self.decoder.damaged();
         status.newest_s = self.newest.map(Time::secs);
     }
-    /// Message numbers received, and what a moving base lacks.
+    /// Remarks on received message numbers, and on those that a moving base lacks.
     pub(super) fn remarks(&self) -> Vec<Remark> {
         let comes = |a: &Arrivals| a.0.back().is_some_and(|(at, _)| self.now - *at <= ABSENT);
         let coming: Vec<_> = self.numbers.iter().filter(|(_, a)| comes(a)).collect();

@@ -93,7 +93,7 @@ pub(super) struct StandingCharge {
 }
 
 impl StandingCharge {
-    /// Adds a status of a drone on the deck. Also returns whether its battery was changed.
+    /// Adds a status of a drone on the deck. Also returns whether the drone's battery was changed.
     pub(super) fn with(
         before: Option<StandingCharge>,
         now: Time<VesselClock>,

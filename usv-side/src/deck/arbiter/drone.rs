@@ -44,7 +44,7 @@ pub(super) struct Drone {
 pub(super) struct Rival {
     pub(super) header: Header<DroneClock>,
     pub(super) received: Time<VesselClock>,
-    /// The first sender has been received since then.
+    /// The first sender has been received since this one appeared.
     pub(super) answered: bool,
     pub(super) alternations: u32,
 }

@@ -159,7 +159,7 @@ fn receipts_of_a_command_in_every_progress() {
         ..status(State::Landed, ReasonCode::NotReady)
     };
     assert_eq!(receipts(&mut relay, 1.5, None, Some(rejected)), [(5, 1, GivenUp)]);
-    // An abort that the drone receives but does not carry out, unless it rejects a newer order.
+    // An abort that the drone receives but does not carry out; it counts as carried out if a newer order was rejected.
     for (order, progress) in [(None, GivenUp), (Some([3, 3]), Taken)] {
         let mut relay = relay_of(9);
         receipts(&mut relay, 1.0, abort, None);

@@ -48,7 +48,6 @@ pub(super) const VELOCITIES: usize = 7;
 enum Metric {
     /// Angles, rad, wrapped to half a turn.
     Angle,
-    /// Numbers.
     Linear,
     /// Latitudes and longitudes in degrees; the difference is in m.
     Place,
@@ -85,7 +84,7 @@ struct GroupLimits {
     /// Range above which a device moves, so that constant values of another are not measurements; infinite if
     /// constant values are possible.
     moved: f64,
-    /// Rate above which a higher one is no advantage, Hz; zero: the device never changes.
+    /// Rate above which a higher rate is no advantage, Hz; zero: the device never changes.
     useful_hz: f64,
 }
 
@@ -177,7 +176,7 @@ impl DeviceNames {
     }
 }
 
-/// Value of a device, used as evidence.
+/// Value from a device, as evidence for or against it.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::sensors) struct DeviceSample {
     /// SI; for a position latitude and longitude, deg.

@@ -113,8 +113,8 @@ impl Variations {
             None => self.0.push((device, variation)),
         }
     }
-    /// Variation of the selected device, or of `own`, or of the first. A variation of exactly zero means a
-    /// compass without a table if another device states one.
+    /// Variation of the selected device, otherwise of `own`, otherwise of the first device. A variation of exactly
+    /// zero means a compass without a table if another device states one.
     pub(in crate::sensors) fn of(&self, own: Option<u32>, devices: &Devices) -> Option<f64> {
         let stated =
             |is: &dyn Fn(u32, f64) -> bool| self.0.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);

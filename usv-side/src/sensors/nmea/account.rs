@@ -206,7 +206,7 @@ impl Account {
             None => Remark::fine(text),
         })
     }
-    /// Remark on headings with a float solution: a fault unless they were brief.
+    /// Remark on headings with a float solution: a fault if they are more than a brief start-up effect.
     fn float(&self) -> Option<Remark> {
         let [float, all] = self.antennas;
         let text = format!("moving base: float in {float} of {all} headings: left out");

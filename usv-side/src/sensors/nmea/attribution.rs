@@ -2,7 +2,7 @@
 
 /// Kinds of sentences without a time.
 pub(super) const KINDS: usize = 4;
-/// Consecutive epochs with evidence for the other side of the time stamp after which a kind is moved there.
+/// Consecutive epochs with evidence for the other side of the time stamp that move a kind of sentence there.
 const CHANGE: u8 = 3;
 /// Consecutive epochs with several sentences of a kind after which it is treated as a separate device.
 const SEVERAL: u8 = 2;

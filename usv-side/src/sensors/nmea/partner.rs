@@ -37,7 +37,7 @@ impl Partner {
             return true;
         };
         let since = at_ns.saturating_sub(newest);
-        // At an earlier time, the clock was set back.
+        // A time before the previous one means that the clock was set back.
         since <= 0 || since.saturating_add(STAMP_NS) >= period
     }
     pub(in crate::sensors) fn end_epoch(&mut self, at_ns: i64, has_it: bool) {

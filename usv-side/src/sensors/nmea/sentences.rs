@@ -493,7 +493,7 @@ fn sd_at(quality: u8, sd: f64, hdop: Option<f32>, latitude: Option<&&str>) -> f6
     (sd * dilution).hypot(resolution(latitude))
 }
 
-/// Degrees from `ddmm.mmmm` and a letter.
+/// Degrees from `ddmm.mmmm` and the letter of the hemisphere.
 fn position(lat: Option<f64>, ns: Option<char>, lon: Option<f64>, ew: Option<char>) -> Option<Datum> {
     let degrees = |v: f64, limit: f64| {
         let whole = (v / 100.0).trunc();

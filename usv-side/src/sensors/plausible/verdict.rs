@@ -42,7 +42,7 @@ pub(super) struct Taken {
 pub(super) struct ChannelState {
     out: bool,
     doubt: Option<Doubt>,
-    /// Impossible values in the window, and times of the first and the newest.
+    /// Number of impossible values in the window, and times of the first and the newest one.
     impossible: u32,
     first: Option<Time<VesselClock>>,
     newest: Option<Time<VesselClock>>,
@@ -54,7 +54,7 @@ impl ChannelState {
     pub(super) fn is_out(&self) -> bool {
         self.out
     }
-    /// Newest reason, number of rejected values, and of all.
+    /// Newest reason, number of rejected values, and number of all values.
     pub(super) fn account(&self) -> Option<(Doubt, u64, u64)> {
         let doubt = self.doubt.filter(|_| self.left_out > 0)?;
         Some((doubt, self.left_out, self.taken))
