@@ -44,7 +44,6 @@ pub(crate) fn plan(header: Header<DroneClock>, stage: impl Fn(f64) -> PlanStage)
     }
 }
 
-/// Mission in `state` with the descent speed `descent_mps`.
 pub(crate) fn mission(header: Header<DroneClock>, state: State, descent_mps: f64) -> MissionState {
     MissionState {
         header,

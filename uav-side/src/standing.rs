@@ -3,8 +3,8 @@
 //! Two witnesses must agree, and none may contradict them. The first is support: at a low thrust, as reported by the
 //! autopilot, the specific force stays near gravity only if something other than the rotors carries the drone, and
 //! drops in a fall. The second is a height, which a drone that hovers low above the deck also has: the rangefinder, the
-//! rise since the rotors could first lift the drone, or the autopilot's own ground report. A height cannot contradict
-//! the support, because a rangefinder may stick.
+//! rise since the rotors could first lift the drone, or the autopilot's own ground report. A height does not overrule
+//! the support, because a rangefinder may be stuck.
 
 use alight_shared::time::{DroneClock, Span, Time};
 

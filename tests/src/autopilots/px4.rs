@@ -1,6 +1,6 @@
 //! PX4's simulator API. PX4 connects as a client to TCP port 4560. The plant sends `HIL_SENSOR` and `HIL_GPS`; PX4
 //! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). IMU_GYRO_RATEMAX determines whether
-//! PX4's rate loop runs, and PX4 answers, at every sample, every second or every third.
+//! PX4 runs its rate loop and answers at every sample, at every second or at every third.
 
 use alight_uav::autopilot::message::{Address, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};

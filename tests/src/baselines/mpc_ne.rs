@@ -208,7 +208,7 @@ impl MpcNe {
         });
     }
 
-    /// None before [`Self::begin`] or a detection.
+    /// None before [`Self::begin`], and before the first detection.
     pub fn plan(
         &mut self,
         now: Time<DroneClock>,

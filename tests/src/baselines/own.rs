@@ -14,7 +14,7 @@ pub struct OwnReport(Arc<Mutex<Reported>>);
 
 #[derive(Clone, Debug, Default)]
 pub struct Reported {
-    /// Reason why it has failed; the flight continues without its plans or forecasts.
+    /// Reason why the planner or predictor has failed; the flight continues without its plans or forecasts.
     pub failure: Option<String>,
     /// Reason for the current absence of a plan or forecast.
     pub none: Option<String>,
@@ -34,7 +34,7 @@ impl OwnReport {
     }
 }
 
-/// Corrects each forecast of the drone's own predictor; it sees the inputs of all steps.
+/// Corrects each forecast of the drone's own predictor; it receives the inputs of all steps.
 pub type Predict = dyn FnMut(&PredictorIn, &mut Option<DeckForecast>);
 /// Planner under test. Mission and predictor keep the drone's own settings.
 pub type OwnLaw = OwnPart<dyn Law>;
@@ -50,7 +50,7 @@ pub struct OwnPart<T: ?Sized> {
 }
 
 impl<T: ?Sized> OwnPart<T> {
-    /// `name` identifies it in the outcomes.
+    /// `name` identifies the part in the outcomes.
     pub fn new(
         name: impl Into<String>,
         make: impl Fn(&DroneSettings, &OwnReport) -> Box<T> + Send + Sync + 'static,

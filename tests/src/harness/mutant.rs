@@ -30,7 +30,7 @@ pub enum Mutant {
     AbortIgnored,
     /// The mission accepts its last order as a new one.
     OrderKept,
-    /// A short range alone stops the motors.
+    /// A short rangefinder reading alone stops the motors.
     StopsByRange,
     StaleForecast,
     StaleMission,

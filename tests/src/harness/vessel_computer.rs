@@ -74,7 +74,7 @@ impl SensorEdge {
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
         shift(&mut readings, ahead);
-        // The last source carries the quantities.
+        // The last source is that of the quantities and sends no bytes.
         let bytes = bytes.unwrap_or_else(|| vec![rtcm]);
         let mut samples = vec![Vec::new(); self.given_by];
         samples.push(quantities(&readings, self.boat.is_none()));
@@ -186,9 +186,9 @@ impl VesselSide {
     }
 }
 
-/// Sources of the scene's vessel, as an installer configures them. The last source carries the quantities of
-/// devices without bytes: an attitude sensor, or all devices of a scene without a geographic position. Its
-/// latency is the shortest of these devices.
+/// Sources of the scene's vessel, as an installer configures them. The last source gives the quantities of
+/// devices that send no bytes: an attitude sensor, or all devices of a scene without a geographic position.
+/// The latency of that source is the shortest of these devices.
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);

@@ -36,7 +36,6 @@ pub fn body_from_camera() -> Rotation<DroneBody, Camera> {
 pub struct CameraMount {
     /// Optical centre in the body frame, m.
     pub position: Vector3<f64>,
-    /// Rotation drone body from camera.
     pub attitude: Rotation<DroneBody, Camera>,
 }
 

@@ -85,7 +85,8 @@ impl Cause {
         self.until = Some(until);
         self.present
     }
-    /// Exponential time to the next change; at least 1 ms, so that the loop in [`Cause::present`] ends.
+    /// Random time to the next change (exponential), at least 1 ms so that the loop in [`Cause::present`]
+    /// ends.
     fn stay(&mut self) -> Span {
         let mean_s = if self.present {
             self.duration_s

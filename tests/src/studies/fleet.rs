@@ -1,6 +1,6 @@
 //! Several drones above one deck, with random orders, aborts and radio outages. The crew closes and opens the
-//! deck; some drones stay on it, others are removed. Forbidden are two drones below the waiting height, a
-//! descent to an occupied or closed deck, and a collision.
+//! deck; some drones stay on it, others are removed. Two drones below the waiting height, a descent to an
+//! occupied or closed deck, and a collision are forbidden.
 
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
@@ -160,7 +160,7 @@ impl Flight {
         }
         let below = self.drones.iter().filter(|d| d.below).count();
         self.report.two_below += u32::from(below > 1 && below > had_below);
-        // A drone on the deck may not have detected its landing.
+        // The mission of a drone on the deck may still be in descent or flare.
         let descends = |d: &Watched| !d.on_deck && matches!(d.state, State::Descent | State::Flare);
         let stands = self.drones.iter().any(|d| d.on_deck);
         self.report.on_occupied += u32::from(stands && self.drones.iter().any(descends));

@@ -22,8 +22,8 @@ use crate::studies::statistics::{at_most_95, student_95};
 const KEPT: f64 = 0.25;
 /// Maximum number of levels, each of which is a move; reaches a probability of 1e-6.
 const MAX_LEVELS: usize = MOVES;
-/// Maximum of the exponent whose power of two is the ratio of a number's range to the move. The exponent is
-/// drawn because the move that suits landings near their limit is not known in advance.
+/// Maximum exponent `n` of a move by `2^-n` of a number's range. The exponent is drawn because the move that
+/// suits landings near their limit is not known in advance.
 const SMALLEST: u32 = 9;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

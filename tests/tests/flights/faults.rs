@@ -1,6 +1,6 @@
 //! The fault matrix: at every moment of a landing with one order, a process or the whole computer of the
-//! drone is killed or frozen, or its cable is silent, with both autopilots. `alight land --fault` draws such
-//! times in live flights.
+//! drone is killed or frozen, or its cable goes silent. Both autopilots are flown. `alight land --fault`
+//! draws such times in live flights.
 
 use std::path::Path;
 

@@ -221,11 +221,11 @@ fn gaps_that_ended_badly_once() {
         (SpinUp, 2.8, LinkKilled, 1.0, copter, None, 84),
         (StandDown, 0.05, LinkFrozen, 1.0, px4, None, 85),
         (Hold, 1.0, PilotFrozen, 0.8, px4, hold, 86),
-        // Cases: a hover whose thrust counted as less than hover thrust; a stop caused by a hover thrust
-        // learned on the deck.
+        // Former defects: a hover whose thrust counted as less than hover thrust, and a stop due to a hover
+        // thrust learned on the deck.
         (SpinUp, 0.5, AutopilotSilent, 0.8, px4, abort, 913),
         (SpinUp, 0.5, ComputerKilled, 0.5, px4, abort, 910),
-        // The autopilot alone lets the drone slide to the deck's edge.
+        // While the autopilot holds by itself, the drone slides to the deck's edge.
         (Flare, 0.1, ComputerFrozen, 1.5, px4, abort, 924),
         (Landed, 0.5, ComputerFrozen, 1.5, px4, abort, 925),
         (Descent, 1.0, MissionFrozen, 0.5, px4, None, 917),

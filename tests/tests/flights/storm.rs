@@ -1,5 +1,6 @@
-//! Storms: several faults in one flight. The storms in `tests/storm` once broke a rule. The drawn storms are
-//! the same in each run and reveal changes that often break a rule (`alight study storm` flies thousands).
+//! Storms: several faults in one flight. Each storm in `tests/storm` broke a rule when it was found. The
+//! drawn storms are the same in each run and reveal changes that often break a rule (`alight study storm`
+//! flies thousands).
 
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormEnding, StormRule};

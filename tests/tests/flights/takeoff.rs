@@ -184,7 +184,8 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
     all
 }
 
-/// A hundred cycles in drawn seas, adrift and at 2 m/s, in wind of up to 8 m/s. Takes minutes: run with --ignored.
+/// A hundred cycles in random seas, adrift and at 2 m/s, in wind of up to 8 m/s. Takes minutes: run with
+/// --ignored.
 #[test]
 #[ignore = "minutes"]
 fn hundred_cycles_from_deck_to_deck() {

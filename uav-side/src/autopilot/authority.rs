@@ -229,8 +229,8 @@ impl AuthorityStateMachine {
         self.enter(now, next);
         self.control_authority
     }
-    /// Whether the autopilot holds by itself after a set-point loss. A stream returns it only to the mode
-    /// that the pilot chose, so it overrides no choice.
+    /// Whether the autopilot holds by itself after a set-point loss. A set-point stream returns the autopilot
+    /// only to the mode that the pilot chose, so it overrides no choice.
     fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
         commanded && f.set_points_lost && f.mode == AutopilotMode::Hold

@@ -130,7 +130,7 @@ impl AutopilotLink {
             hover_learned_s,
             ended_missions: self.own_mission.ends.map(|end| end.is_over()),
             own_mission: self.own_mission.monitor.is_under_way(),
-            // The process fills this in, because it has the frames.
+            // Set by the process that signs and checks the frames.
             signing: SigningTimes::default(),
         })
     }

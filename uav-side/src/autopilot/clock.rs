@@ -165,7 +165,7 @@ impl RemoteClock {
         self.stood_still
             .filter(|(at, _)| (now - *at).secs() <= MAX_SAMPLE_AGE_S)
     }
-    /// Autopilot time at our time `at`, us; 0 while unknown.
+    /// Autopilot's time at the companion's time `at`, us; 0 while unknown.
     pub(crate) fn remote_time_us(&self, now: DroneTime, at: DroneTime) -> u64 {
         let theirs = self.best(now).map_or(Time::EPOCH, |b| at - b.middle());
         theirs.nanos().max(0).unsigned_abs() / 1000

@@ -127,7 +127,8 @@ impl AutopilotLink {
     }
 }
 
-/// Our time, us. PX4 converts it because we answer its TIMESYNC (`MavlinkTimesync::sync_stamp`).
+/// Companion's time, us. PX4 converts it because the link answers its TIMESYNC
+/// (`MavlinkTimesync::sync_stamp`).
 fn own_us(at: DroneTime) -> u64 {
     u64::try_from(at.nanos() / 1000).unwrap_or_default()
 }

@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 use super::DroneTime;
 use super::config::DisarmConfig;
 
-/// Duration of the evidence without the pilot's set-points, s: several of its time constants.
+/// Duration of the evidence without the pilot's set-points, s: several time constants of the specific force.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
-/// Time between commands after the quick series, s; an autopilot that denied a command disarms eventually.
+/// Time between commands after the quick series, s; the autopilot may accept one of these.
 const RARE_S: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -102,7 +102,7 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
     // A thrust that is no longer reported must not count as zero or as its last value. The commanded thrust
-    // replaces it, and a drone that moves with the deck shows that it follows the command.
+    // replaces it, and the motion with the deck shows that the drone follows the command.
     let idle = match e.thrust {
         Some(t) => t <= c.max_thrust_of_hover,
         None => e.commanded_low && e.speed.is_some_and(|v| v <= RESTS_MPS),

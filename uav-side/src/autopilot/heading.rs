@@ -89,7 +89,7 @@ mod tests {
     #[test]
     fn alignment_by_the_estimators_status() {
         let mut h = HeadingAlignment::default();
-        // Until the alignment PX4 reports tilt, height and constant position.
+        // Before the alignment PX4 reports tilt, height and constant position.
         h.status(
             at(1.0),
             estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,

@@ -78,7 +78,8 @@ impl LinkInputs {
         let age_s = forecast.radio_age_s + (now - forecast.header.at).secs();
         age_s.is_finite().then_some(age_s)
     }
-    /// Whether the link may command. Before its first state a mission might be in shadow mode.
+    /// Whether the link may command: never before the mission's first state, because the mission may be in
+    /// shadow mode.
     pub(super) fn may_command(&self) -> bool {
         match self.mode {
             Some(LandingMode::Land | LandingMode::Match) => true,

@@ -72,7 +72,6 @@ pub enum VelocityFrame {
     Body,
 }
 
-/// `COMMAND_LONG`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CommandLong {
     pub to: Address,
@@ -251,7 +250,7 @@ impl TargetFrame {
 /// `LANDING_TARGET` with a position (`position_valid` 1).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LandingTarget {
-    /// Time, us: our time for PX4, which converts it; the autopilot's own time for ArduPilot.
+    /// Time, us: the companion's for PX4, which converts it; the autopilot's for ArduPilot.
     pub time_us: u64,
     pub frame: TargetFrame,
     /// Centre of the deck, m.
@@ -267,7 +266,7 @@ pub struct LandingTarget {
 /// `TARGET_RELATIVE`: a target detected by the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetRelative {
-    /// Our time, us.
+    /// Companion's time, us.
     pub time_us: u64,
     /// Position relative to the vehicle, NED, m.
     pub position: [f64; 3],
@@ -281,7 +280,7 @@ pub struct TargetRelative {
 /// `TARGET_ABSOLUTE`: a target whose own receiver measures its position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TargetAbsolute {
-    /// Our time, us.
+    /// Companion's time, us.
     pub time_us: u64,
     /// Geodetic position, with height above the sea.
     pub place: Datum,

@@ -92,7 +92,7 @@ pub const MAX_FRAMES: usize = 512;
 const MAX_TEXTS: usize = 8;
 /// Heartbeat period, as is usual in MAVLink.
 const HEARTBEAT: Span = Span::from_millis(1000);
-/// Period of the text that a landed drone is still armed.
+/// Period of the alarm that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
 const STATE: Span = Span::from_millis(100);
 /// Maximum time until our command counts as confirmed or rejected: several heartbeats and requests.

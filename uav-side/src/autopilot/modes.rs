@@ -54,8 +54,8 @@ impl Firmware {
             Firmware::ArduCopter => "ArduCopter",
         }
     }
-    /// Mode of a custom mode number. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter: mode
-    /// number.
+    /// Flight mode with this custom mode number. PX4: main mode in bits 16 to 23, sub-mode above. ArduCopter:
+    /// mode number.
     pub fn mode(self, custom: u32) -> AutopilotMode {
         match self {
             Firmware::Px4 => match ((custom >> 16) & 0xff, custom >> 24) {

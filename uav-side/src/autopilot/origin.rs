@@ -10,7 +10,7 @@ use super::DroneTime;
 use super::message::{Address, CommandLong, MavlinkMessage, command, id};
 use super::modes::Firmware;
 
-/// Request period once the origin is known; it moves when an estimator restarts.
+/// Request period once the origin is known; a restarted estimator moves the origin.
 const KNOWN: Span = Span::from_millis(5000);
 const UNKNOWN: Span = Span::from_millis(1000);
 /// Maximum height of the geoid relative to the ellipsoid, m (EGM2008: -107 to 86).

@@ -99,7 +99,7 @@ impl AutopilotLink {
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
         let peer = self.peer.as_ref();
         ContactEvidence {
-            // A mission that falls silent in the flare is still landing, and the pilot node completes it.
+            // If the mission falls silent in the flare, the pilot node completes the landing.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
             range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
             range_doubted: range.is_some_and(|r| !believed(&r)),
@@ -132,13 +132,14 @@ impl AutopilotLink {
             rates: [0.0; 3],
             ..*wanted
         };
-        // This stop belongs to an earlier landing; a take-off has its own disarm.
+        // The motor stop belongs to an earlier landing; a take-off has a separate disarm.
         if (self.inputs.last_state(now)).is_some_and(State::stands_for_take_off) {
             self.interrupted();
             return Some(thrust_off);
         }
         let evidence = self.contact(now);
-        // At first the earlier support still shows although the thrust is already cut.
+        // After a gap the evidence must last longer, because the low-pass filtered load factor still shows
+        // earlier support when the thrust has just been cut.
         let c = match self.stream.flown {
             Some(_) => self.config.disarm,
             None => self.lasting(),
@@ -202,9 +203,8 @@ impl AutopilotLink {
         }
     }
 
-    /// Whether the drone has landed and its autopilot ignores set-points: either the set-points, the pilot
-    /// node or the link failed and the autopilot holds by itself, or a pilot chose Hold, which looks the
-    /// same.
+    /// Whether the drone has landed and its autopilot ignores set-points: either it holds by itself after a
+    /// failure of set-points, pilot node or link, or a pilot chose Hold. The two look the same.
     fn follows_none_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
         let mode = AutopilotMode::Hold;
         let authority = self.control_authority();
@@ -214,8 +214,8 @@ impl AutopilotLink {
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
     }
-    /// Continues the disarm of such a drone on lasting evidence. The set-point presses down or climbs above
-    /// the deck, and returns PX4 from its failsafe to the mode chosen by the pilot.
+    /// Continues to disarm a drone in that hold, on lasting evidence. The set-point presses down or climbs
+    /// above the deck, and returns PX4 from its failsafe to the mode chosen by the pilot.
     fn disarm_in_hold(&mut self, now: DroneTime, out: &mut AutopilotOut) -> Option<SetPoint> {
         let lasting = self.lasting();
         let evidence = self.contact(now);
@@ -231,7 +231,7 @@ impl AutopilotLink {
         }
         self.press_or_climb(now, &evidence, &lasting, self.estimate.state?.attitude)
     }
-    /// Set-point for a drone that may have left the deck. A low drone is pressed down gently with this
+    /// Set-point for a drone that may have left the deck. A low drone is pressed down gently at the given
     /// attitude. If the autopilot took off by itself and hovers over a rising deck, the drone climbs.
     fn press_or_climb(
         &mut self,
@@ -252,7 +252,7 @@ impl AutopilotLink {
                     ..SetPoint::default()
                 })
             }
-            // These inputs are expected to arrive.
+            // Waits for inputs that are expected to arrive.
             Some(DisarmInhibit::NotLanding | DisarmInhibit::HeightUnknown) => None,
             None
             | Some(
@@ -356,7 +356,7 @@ impl AutopilotLink {
         }
     }
 
-    /// Sends those fields of the pilot node's set-point that apply.
+    /// Set-point to send: the pilot node's, a hold, or none.
     fn follow(&mut self, now: DroneTime, wanted: &SetPoint, out: &mut AutopilotOut) -> Option<SetPoint> {
         let authority = self.control_authority();
         let px4 = self.firmware() == Some(Firmware::Px4);
@@ -411,11 +411,11 @@ impl AutopilotLink {
             Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
             Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
         };
-        // Until the mission has confirmed a low charge it has no landing place, and the final reserve must
-        // not act first.
+        // The mission chooses a landing place once it has confirmed the low charge. The final reserve must
+        // not act before that.
         let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
-        // The mission may have chosen on voltage alone.
+        // The mission may have chosen a landing place because of the voltage alone.
         let reported = peer.charge(now);
         if !(limit.is_infinite() || reported.is_some_and(|c| c < limit)) {
             self.commands.low_since = None;
@@ -447,8 +447,8 @@ impl AutopilotLink {
         self.authority.divert(now, to);
     }
 
-    /// Whether the drone stands away from the deck, by forecast and odometry. An order to land does not imply
-    /// a cleared deck, and a drone whose vessel is unknown may be standing on the deck.
+    /// Whether the drone stands away from the deck, according to forecast and odometry. An order to land does
+    /// not imply a cleared deck, and a drone whose vessel is unknown may be standing on the deck.
     fn is_away_from_deck(&self, now: DroneTime) -> bool {
         let both = self.estimate.fresh(now).zip(self.inputs.deck(now));
         let apart = both.map(|(s, deck)| s.position() - Vector3::from(deck.position));

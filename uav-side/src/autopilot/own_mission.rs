@@ -43,7 +43,7 @@ pub(super) struct OwnMissionMonitor {
     /// Whether the last item has been reached since the mission began.
     reached_last: bool,
     began: bool,
-    /// Whether since then the mode has been the mission's mode or the Hold that follows it.
+    /// Whether the mode has since always been the mission's mode or the Hold that follows it.
     own: bool,
     now: OwnMission,
 }
@@ -121,7 +121,7 @@ impl OwnMissionSequence {
         for (end, is_over) in self.ends.iter_mut().zip(m.ended_missions) {
             end.done |= is_over;
         }
-        // The active mission was followed by no other mode, so Hold means that it is complete.
+        // No other mode has followed the active mission, so Hold means that the mission is complete.
         if m.own_mission {
             (self.monitor.began, self.monitor.own) = (true, true);
         }

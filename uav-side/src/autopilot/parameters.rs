@@ -53,7 +53,7 @@ pub struct Parameters {
     firmware: Firmware,
     items: Vec<Item>,
     next: DroneTime,
-    /// Whether the autopilot took thrust as thrust before it or this link restarted.
+    /// Whether the autopilot interpreted thrust as thrust before the restart of autopilot or link.
     thrust_was_thrust: bool,
 }
 
@@ -84,7 +84,7 @@ impl Parameters {
             thrust_was_thrust: false,
         }
     }
-    /// Until the option is reported, assumes that the autopilot takes thrust as thrust.
+    /// Until the option is reported, assumes that the autopilot interprets thrust as thrust.
     pub(super) fn trust_thrust(&mut self) {
         self.thrust_was_thrust = true;
     }

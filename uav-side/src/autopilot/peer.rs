@@ -163,7 +163,7 @@ impl MavlinkPeer {
             Firmware::ArduCopter => (1.0 - 2.0 * (x * x + y * y)).clamp(0.1, 1.0),
         }
     }
-    /// Applied thrust, as an autopilot command; None if its outputs contradict its report.
+    /// Applied thrust, as an autopilot command; None if the autopilot's outputs contradict its report.
     pub(crate) fn thrust_now(&self, now: DroneTime) -> Option<f64> {
         self.thrust
             .filter(|(at, _)| now - *at <= THRUST_STALE)

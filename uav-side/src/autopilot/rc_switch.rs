@@ -226,7 +226,7 @@ mod tests {
                 (&[(MIDDLE, 3.0), (LOW, 0.3), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (HIGH, 1.0), (MIDDLE, 3.0)], &[]),
                 (&[(MIDDLE, 3.0), (1350, 3.0), (1650, 3.0)], &[]),
-                // The remote control returns in another position.
+                // The remote control is lost and returns with the switch in another position.
                 (&[(MIDDLE, 3.0), (0, 2.0), (HIGH, 9.0)], &[]),
                 (&[(MIDDLE, 3.0), (0, 2.0), (LOW, 9.0)], &[]),
                 (&[(HIGH, 3.0), (0, 2.0), (MIDDLE, 3.0), (HIGH, 3.0)], &[Land]),
@@ -296,7 +296,7 @@ mod tests {
                 (0..1000).filter_map(|k| switch.poll(at(10.0 + 0.01 * f64::from(k)), Some(mission)).0);
             polls.map(|c| assert_eq!(c.header.at, at(10.0))).count()
         };
-        // Published every 0.25 s for 5 s while the mission's state does not reflect it.
+        // The order is published every 0.25 s for 5 s while the mission's state does not reflect it.
         assert_eq!(published(Abort, &before), 21);
         assert_eq!(published(Abort, &other), 21);
         assert_eq!(published(Abort, &own), 0);

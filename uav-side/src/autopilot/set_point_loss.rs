@@ -196,7 +196,7 @@ mod tests {
             (true, 0.5, 0.0, true),
             (true, 0.8, 0.0, true),
             (true, 1.5, 0.0, true),
-            // The frames that report the hold are far back in the queue.
+            // The frames that report the hold are at the end of a long queue.
             (true, 1.5, 0.4, true),
             (false, 0.76, 0.0, true),
             (false, 0.76, 0.4, true),

@@ -89,7 +89,7 @@ impl StationParameter {
             StationParameter::TrackingHeight => return Err("only the file sets it".into()),
             StationParameter::LowestClearance => changed.lowest_clearance_m = value,
         }
-        // Their limits do not depend on the rest of the mission's configuration.
+        // The settings' limits do not depend on the rest of the mission's configuration.
         match MissionConfig::default().with(&changed) {
             Ok(_) => Ok(changed),
             Err(ConfigError::Range { key, value, allowed }) => {

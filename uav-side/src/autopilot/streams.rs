@@ -58,7 +58,7 @@ impl MessageStreams {
                 (id::LOCAL_POSITION_NED, c.odometry_hz),
                 (id::SCALED_IMU, c.odometry_hz),
                 (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
-                // Needed for the rotors' spin-up; PX4's rotors start at once.
+                // Outputs that show the rotors' spin-up; PX4's rotors start at once.
                 (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
             ],
         };

@@ -43,7 +43,7 @@ pub(super) struct TakeOffSequence {
     disarms: u32,
     standing: StandingMonitor,
     verdict: StandingVerdict,
-    /// Whether set-points stopped and no later verdict shows a standing drone.
+    /// Whether set-points have stopped and no verdict since then shows that the drone stands.
     may_fly: bool,
     next: Periodic<DroneClock>,
     text: Option<(DroneTime, String)>,
@@ -113,7 +113,7 @@ impl AutopilotLink {
         let applied = self.thrust_of_hover(now);
         // In OFFBOARD without a thrust report, the commanded thrust is used.
         let sent = (self.stream.thrust.is_low(now) && peer.mode == AutopilotMode::Offboard).then_some(0.0);
-        // The norm does not depend on the attitude at rest.
+        // The norm of the specific force at rest does not depend on the attitude.
         let state = self.estimate.fresh(now);
         let force = state.map(|s| Vector3::from(s.specific_force).norm() / GRAVITY);
         // From GNSS receivers alone the deck's height may be wrong by metres, so it can only support the verdict.
@@ -122,7 +122,7 @@ impl AutopilotLink {
             by_height(evidence.range_height),
             forecast.then_some(true),
             (peer.landed(now) == LandedState::OnGround).then_some(true),
-            // The mission stands down on two witnesses of its own.
+            // The mission enters stand-down only if two witnesses show that the drone stands.
             (mission == Some(State::StandDown)).then_some(true),
         ];
         let ceased = self.stream.sent_at.is_none_or(|at| now - at > GAP) || self.stream.loss.is_lost();

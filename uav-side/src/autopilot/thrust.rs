@@ -43,7 +43,6 @@ impl HoverThrust {
     pub(crate) fn learned(&self) -> (f64, f64) {
         (self.value, self.learned_s)
     }
-    /// `learned_s`: learning time, s.
     pub(crate) fn resume(&mut self, value: f64, learned_s: f64) {
         *self = HoverThrust::new(value);
         self.learned_s = learned_s;

@@ -72,7 +72,7 @@ impl TagDetection {
 pub struct TagCounts {
     pub images: u64,
     pub detected: u64,
-    /// Tags of the family whose number the deck does not have.
+    /// Number of detected tags of the family whose ids are not on the deck.
     pub other_tags: u64,
     pub faint: u64,
     /// Number of detections that are too small, mirrored or not convex.

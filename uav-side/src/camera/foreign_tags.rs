@@ -279,7 +279,7 @@ mod tests {
             let mut draw = 1_u32;
             let pixels = (0..320 * 240).map(|k| {
                 let (x, y) = (k % 320, k / 320);
-                // Windows, hatches and lines, as nested boxes of any level.
+                // Windows, hatches and lines, drawn as nested boxes of any grey level.
                 let within = |b: &&(usize, usize, usize, usize, u8)| {
                     (b.0..b.0 + b.2).contains(&x) && (b.1..b.1 + b.3).contains(&y)
                 };

@@ -342,7 +342,7 @@ mod tests {
             scale in scales(), latency in 1_u64..=3, queue in 0_u64..=3,
             decades in 0.0..6.0_f64, exposure_s in 0.0..0.02_f64, gain in -10.0..500.0_f64,
         ) {
-            // The light ranges from what the maximum exposure and gain need to what 0.2 us needs.
+            // The faintest light needs the maximum exposure and gain, the brightest an exposure of 0.2 us.
             let light = 3.0 * 10_f64.powf(decades);
             let start = Setting { exposure_s, gain };
             let mut sensor = Sensor::new(scale, latency, queue, 2e-8, start);

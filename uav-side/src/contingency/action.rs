@@ -35,7 +35,7 @@ pub(crate) struct ContingencyInput<'a> {
     pub(crate) below: Option<&'a DeckBelow>,
     /// Whether the drone is already holding or leaving the deck.
     pub(crate) holds: bool,
-    /// Whether the pilot node commands attitudes, with which the drone can stand and press.
+    /// Whether the pilot node commands attitudes, which standing and pressing require.
     pub(crate) attitudes: bool,
     pub(crate) touches: bool,
     /// Whether the drone is as low as when it was disarmed, or the rangefinder shows its feet on the ground. This is a

@@ -70,10 +70,10 @@ impl Completion<'_> {
         Some(deck + below.stage.normal().z * braking)
     }
 
-    /// Deceleration `b`, m/s², from the speed `sinks` over `until_s`, with which the drone meets the deck at equal
-    /// speeds along it and towards it. A tilted drone rotates within `T`; its thrust has a horizontal component of the
-    /// fraction `t` of the vertical one and so accelerates along the deck. With the speed `v` in that direction and the
-    /// deck's accelerations `d` downwards and `e` along:
+    /// Deceleration `b`, m/s², from the speed `sinks` over `until_s`, that makes the speeds along the deck and towards
+    /// it equal at contact. A tilted drone rotates within `T`; its thrust has a horizontal component of the fraction
+    /// `t` of the vertical one and so accelerates along the deck. With the speed `v` in that direction and the deck's
+    /// accelerations `d` downwards and `e` along:
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
     fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {

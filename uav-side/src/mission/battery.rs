@@ -62,7 +62,7 @@ pub(super) struct BatteryMonitor {
     anchor: Option<(DroneTime, f64)>,
     /// Whether the anchor lies at a step of the gauge; between steps the rate would appear twice as high.
     at_step: bool,
-    /// Power by the gauge, charge per second.
+    /// Power according to the gauge, charge per second.
     by_gauge: Option<f64>,
     /// Low-passed current, A.
     current_a: Option<f64>,
@@ -110,7 +110,7 @@ impl BatteryMonitor {
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
-            // No charge is used on the ground, but the ground report may be wrong, so the state is kept.
+            // On the ground no charge is used. The on-ground report may be wrong, so the state is kept.
             let both = self.minimum.iter_mut().chain(&mut self.start);
             both.for_each(|(at, _)| *at += since);
         }

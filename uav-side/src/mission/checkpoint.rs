@@ -87,9 +87,10 @@ pub(super) fn restored(
     }
 }
 
-/// Continuation of a mission in `state` that was last `published`. If that is too old, the pilot has left the plan and
-/// climbs, and a landing starts again. Exceptions: the landing is over; the pilot completes it, because a climb would
-/// hit the deck harder; or the operator has `stopped` it.
+/// Phase after an interruption of a mission that last published `state` at the time `published`; None: the mission
+/// continues in its phase. After a long interruption the pilot has left the plan and climbs, and a landing starts
+/// again. Exceptions: the landing is over; the pilot completes it, because a climb would hit the deck harder; or
+/// the operator has `stopped` it.
 pub(super) fn interrupted(
     published: DroneTime,
     state: State,
@@ -109,7 +110,7 @@ pub(super) fn interrupted(
     })
 }
 
-/// Whether by the forecast the feet are on the deck and stay there.
+/// Whether, according to the forecast, the feet are on the deck and stay there.
 fn rests(s: &Situation) -> bool {
     let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
     rests && s.slides().is_none()
@@ -117,8 +118,8 @@ fn rests(s: &Situation) -> bool {
 /// Speed away from the deck of a drone that has left it, m/s: several times the estimate's error.
 const RISES_MPS: f64 = 0.5;
 
-/// Whether a drone in a take-off stands on the deck and does not rise, by its autopilot or by a camera that detects the
-/// deck. GNSS heights may be wrong by metres, and the autopilot's report may be old.
+/// Whether a drone in a take-off stands on the deck and does not rise, according to its autopilot or a camera that
+/// detects the deck. GNSS heights may be wrong by metres, and the autopilot's report may be old.
 fn stands(s: &Situation, c: &MissionConfig) -> bool {
     let Some(deck) = s.fresh_deck() else {
         return false;

@@ -223,7 +223,7 @@ fn mission_restarted_while_it_hands_over() {
 }
 
 /// A mission that starts long after its predecessor, or after a reboot, knows the purpose of the flight: a drone that
-/// hovers 60 m away returns when its battery requires it. A disarmed drone is on no sortie.
+/// hovers 60 m away returns when its battery requires it. A disarmed drone is not on a sortie.
 #[test]
 fn purpose_of_an_aged_checkpoint() {
     let kept = |sortie, deck_declined| {
@@ -289,10 +289,10 @@ fn sortie_that_ends_by_its_mission_or_an_order() {
     assert_eq!((d.entered.unwrap().code, d.progress.landing), (MissionDone, true));
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::Done));
     assert_eq!(d.waiting.code, MissionDone);
-    // A pilot has control, so Alight does not request it.
+    // A pilot has control, so Alight does not request control.
     let d = step(MissionPhase::Idle, d.progress, None, &flown(OwnMission::None));
     assert_eq!(d.waiting.code, ReasonCode::NotFlying);
-    // A drone that is on no sortie does not return.
+    // A drone that is not on a sortie does not return.
     let d = step(
         MissionPhase::Idle,
         MissionProgress::default(),
@@ -374,7 +374,7 @@ fn way_to_a_vessel_that_is_not_received() {
     );
     let d = step(MissionPhase::Seek, called, None, &with(|_| {}));
     assert_eq!(d.phase.state(), State::GetAltitude);
-    // A drone that is on no sortie seeks a vessel only if it is near enough and the charge requires it.
+    // A drone that is not on a sortie seeks a vessel only if it is near enough and the charge requires it.
     let stays = MissionProgress {
         sortie: false,
         ..called

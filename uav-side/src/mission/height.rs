@@ -217,7 +217,7 @@ impl HeightWitnesses {
         let Some(mean) = mean_z else {
             return Heights::default();
         };
-        // The lower of the two levels is the more dangerous one.
+        // The lower of the two levels decides, because it leads the drone lower.
         let lowest = forecast_z.map_or(mean, |z| z.max(mean));
         let sea_z = self.sea_z().filter(|_| self.vision_z.is_none());
         let water_z = sea_z.map_or(mean + deck_m, |sea| sea.min(mean + deck_m));

@@ -269,7 +269,7 @@ fn last_attempt() {
             goes(&d, State::GaveUp, OutOfRetries);
         }
     }
-    // No further descent begins, whichever way the drone has returned above the deck.
+    // No further descent begins, however the drone has returned above the deck.
     let d = step((MissionPhase::TrackingStable, progress), &fair());
     goes(&d, State::GaveUp, OutOfRetries);
 }

@@ -119,12 +119,12 @@ fn reason_that_cost_a_landing_its_time() {
     let s = gives_up.unwrap();
     assert_eq!(s.entered.code, ReasonCode::WaitedTooLong);
     assert!(s.entered.value > 5.0 && s.entered.limit == 10.0, "{}", s.entered);
-    // This drone does not leave the height of its approach.
+    // The drone stays at its approach height.
     assert_eq!(s.rejected.map(|why| why.code), Some(ReasonCode::OffHeight));
 }
 
-/// By radio the deck is 31 m too low, and no camera detects it. Using mean sea level, the drone stays 15 m above the
-/// deck's true height.
+/// According to the radio the deck is 31 m too low, and no camera detects it. Using mean sea level, the drone stays
+/// 15 m above the deck's true height.
 #[test]
 fn heights_of_two_receivers_that_disagree() {
     let mut m = node();
@@ -174,7 +174,7 @@ fn waiting_and_leaving_among_volumes() {
     assert!((goes.height_m - 18.8).abs() < 1e-6, "{goes:?}");
     let leaves = state(7, &mut m, above, Some(CommandKind::Abort));
     assert!(leaves.state == State::GaveUp && leaves.with_deck, "{leaves:?}");
-    // Outside the volumes' 9 m plus the drone and its margin.
+    // The drone is clear of the vessel beyond 9 m (volumes) plus the drone's size and margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
 }

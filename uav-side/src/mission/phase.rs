@@ -200,7 +200,7 @@ impl MissionPhase {
     }
 }
 
-/// Time for which a rejection is shown, s: the vessel's repetitions of the order, and one more report.
+/// Time for which a rejection is reported, s: as long as the vessel repeats the order, plus one report.
 const SHOWN_S: f64 = 15.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -290,7 +290,7 @@ pub(super) fn hard_contact(s: &Situation) -> Option<Reason> {
     s.hard_contact_mps.map(reason)
 }
 
-/// Start and duration (s) for which `holds` has been true.
+/// Start and duration (s) of the period in which `holds` has been true.
 pub(super) fn lasting(holds: bool, since: Option<DroneTime>, now: DroneTime) -> (Option<DroneTime>, f64) {
     if !holds {
         return (None, 0.0);

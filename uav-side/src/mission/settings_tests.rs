@@ -47,7 +47,7 @@ fn settings_of_a_ground_station() {
         (m.config.mode, m.config.approach_height_m),
         (LandingMode::Match, 12.0)
     );
-    // These values are out of bounds, or only the configuration file sets them.
+    // These values are out of bounds, or may be set only in the configuration file.
     for (t, wrong) in [
         (
             3.0,

@@ -362,10 +362,10 @@ pub struct Situation {
     pub place: Option<WaitingPlace>,
     /// Ids of the other drones in the waiting places, lowest place first; 0: free, or this drone's own.
     pub others: [u32; PLACES],
-    /// Heights of their stations, m; 0: no station.
+    /// Heights of the stations of these drones, m; 0: no station.
     pub other_stations_m: [u8; PLACES],
     pub motors_stopped: bool,
-    /// Whether the rotors carry the drone, by the reported thrust; None without a recent report.
+    /// Whether the rotors carry the drone, according to the reported thrust; None without a recent report.
     pub rotors_carry: Option<bool>,
     /// Speed of the hardest contact that the pilot has reported as hard, m/s.
     pub hard_contact_mps: Option<f64>,

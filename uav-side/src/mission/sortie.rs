@@ -16,7 +16,7 @@ use super::MissionNode;
 use super::phase::DroneTime;
 use super::situation::{SilentVessel, Situation};
 
-/// Maximum duration of a return, s; also that for a vessel out of reach.
+/// Maximum duration of a return, s; also returned for a vessel out of reach.
 const MAX_WAY_S: f64 = 3600.0;
 /// Number of bisection steps: from an hour down to a tenth of a second.
 const STEPS: u32 = 16;

@@ -184,7 +184,7 @@ pub(super) fn offset(
     })
 }
 
-/// Position of a drone that loses the vessel on the way to the station; `at` is that of the hold.
+/// Position of a drone that loses the vessel on the way to the station; `at` is the position of the hold.
 pub(super) fn held_place(
     kept: &KeptStation,
     at: &Vector3<f64>,

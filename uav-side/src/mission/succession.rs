@@ -69,7 +69,7 @@ impl MissionNode {
             self.resume(now, s);
             return Some((self.commands.first_of(now, &input.commands), None));
         };
-        // The pilot's state shows whether a disarmed drone's landing is over.
+        // The pilot node's set-point shows whether the landing of a disarmed drone is over.
         let complete = match s.flight {
             ControlState::Disarmed => self.set_point.get().is_some(),
             ControlState::Unknown => false,

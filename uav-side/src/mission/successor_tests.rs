@@ -157,8 +157,8 @@ fn abort_among_many_commands_to_a_successor() {
     }
 }
 
-/// For each state, control after a reboot, and charge, the purpose of the flight continues, or the drone returns or
-/// waits for an order. A landing that the pilot has ended stays ended.
+/// For each combination of state, charge, and control after a reboot, the drone continues the purpose of the
+/// flight, returns, or waits for an order. A landing that the pilot has ended stays ended.
 #[test]
 fn purpose_that_outlives_a_reboot() {
     use alight_shared::msg::{AutopilotMode, KeptStation, Station};

@@ -52,7 +52,7 @@ const CLIMB_OUT_S: f64 = 30.0;
 /// Maximum distance between the forecast deck's centre and a drone on the deck, m: two receivers and half a deck.
 const ON_DECK_M: f64 = 5.0;
 
-/// Reason not to leave the deck, by the vessel's report: no fresh grant, another owner, or no clearance.
+/// Reason not to leave the deck, according to the vessel: no fresh grant, another owner, or no clearance.
 pub(super) fn not_cleared(grant: Option<&DeckGrant<DroneClock>>, own: u32, now: DroneTime) -> Option<Reason> {
     let age_s = grant.map_or(f64::INFINITY, |g| (now - g.header.at).secs());
     let stale = exceeds(DeckGrantStale, age_s, topics::DECK.stale_after.secs());
@@ -334,7 +334,7 @@ pub(super) fn take_off(since: DroneTime, left: bool, s: &Situation, c: &MissionC
     if !left {
         let tips = exceeds(TipsOver, s.leaving.tips_rad, MAX_TILT_RAD).filter(|_| rose < TIPS_BELOW_M);
         let lost = (s.reservation.lost()).filter(|_| stands(left, s));
-        // Stuck feet do not explain time spent without sufficient thrust.
+        // Time without sufficient thrust is no evidence that the feet stick.
         let lifts_s = s.leaving.lifts_s.unwrap_or(lasted_s);
         let stuck = lifts_s > LEAVES_WITHIN_S || lasted_s > TAKE_OFF_S;
         let stuck = stuck.then_some(Reason::new(DoesNotRise, rose, LEFT_M));

@@ -487,7 +487,8 @@ fn successor_of_a_mission_that_takes_off() {
     ] {
         assert_eq!(restored_in(state, sortie, &fair()), expected, "{state:?}");
     }
-    // The drone is on the deck by its autopilot or the camera, but not by receivers alone or while it rises.
+    // The autopilot or the camera shows that the drone is on the deck, unless it rises; receivers alone do
+    // not.
     let low = |vision_age_s: f64, on_ground: bool, sinking_mps: f64| {
         with(|s| {
             s.on_ground = on_ground;

@@ -56,7 +56,7 @@ pub(super) fn stands(
     MissionPhase::Preparing.enter(Reason::new(SortieBegins, begun + 1.0, most))
 }
 
-/// Whether a reason passes without action by the crew: the sea, the vessel's course, the radio.
+/// Whether a reason passes without action by the crew, as do those due to sea, course or radio.
 const fn passes(why: ReasonCode) -> bool {
     matches!(
         why,

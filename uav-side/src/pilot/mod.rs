@@ -121,7 +121,6 @@ const MAX_STEP_S: f64 = 0.05;
 /// Time without set-points after which an autopilot leaves the commanded mode, s: PX4's minimum (COM_OF_LOSS_T) minus
 /// the link's delay.
 const SET_POINT_LOSS_S: f64 = 0.3;
-/// Period of the planner, s.
 const PLAN_PERIOD_S: f64 = 0.02;
 /// Height of the feet below which the drone may stand on the ground, m: by the rangefinder, or above the height at
 /// which it was disarmed, because a deck heaves.
@@ -207,7 +206,8 @@ impl Pilot {
         self.tracker.reset();
     }
 
-    /// Whether the drone is low enough to stand on the ground, by the rangefinder or its height when disarmed.
+    /// Whether the drone is low enough to stand on the ground, according to the rangefinder or the height at
+    /// which it was disarmed.
     fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {

@@ -45,7 +45,6 @@ const PRIOR_RATE: f64 = 0.1;
 const RESIDUAL_RAD: f64 = 1e-3;
 /// Prior standard deviation of the dead time about the odometry's age, s.
 const DEAD_TIME_SD_S: f64 = 0.03;
-/// Maximum lag of a rate loop, s.
 const MAX_RATE_LAG_S: f64 = 0.2;
 /// Information above which a response counts as identified, in units of the prior's.
 const IDENTIFIED: f64 = 12.0;

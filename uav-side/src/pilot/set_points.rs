@@ -188,7 +188,7 @@ impl Pilot {
         self.attitude(now, None, a, body)
     }
 
-    /// Attitude and thrust for `led`, which is the plan's `stage` at the time when they take effect.
+    /// Attitude and thrust for `led`, the plan's `stage` at the time when the command takes effect.
     fn tracked(
         &mut self,
         now: Time<DroneClock>,

@@ -2,7 +2,7 @@
 //!
 //! While a foot may still touch, the drone keeps the deck's attitude and rises along the deck's normal, so that all
 //! feet leave together. The thrust ramps up to that of [`Climb`], so that a sticking foot is detected before much
-//! torque rotates the drone about it. Once the feet are clear, the drone climbs as above any deck.
+//! torque rotates the drone about it. Once the feet are clear, the drone makes the usual climb above a deck.
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
@@ -58,7 +58,7 @@ impl Pilot {
         lasts_s > LEAVES_WITHIN_S || detected && below.is_some_and(|b| b.clearance > LIES_BELOW_M)
     }
 
-    /// Leaves the deck. A pilot node that starts in the air climbs as above any deck.
+    /// Leaves the deck. A pilot node that starts in the air makes the usual climb above a deck.
     pub(super) fn jump(
         &mut self,
         now: Time<DroneClock>,

@@ -114,7 +114,8 @@ fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> Pilot
         ranges: vec![],
     }
 }
-/// Last set-point after one second with all inputs, followed by `secs` with those that `change` leaves.
+/// Last set-point after one second with all inputs, followed by `secs` (s) with the inputs as modified by
+/// `change`.
 fn after(state: State, height: f64, secs: f64, change: impl Fn(&mut PilotIn)) -> SetPoint {
     run(&PilotConfig::default(), state, height, secs, change)
 }
@@ -558,7 +559,7 @@ proptest! {
         ];
         for (mask, state, v, age, height, repeat) in blows {
             let state = states[usize::from(state) % states.len()];
-            // In half of the cases contact is never permitted; in the others only the thrust acts.
+            // In half of the cases contact is never permitted.
             let touches = state.phase() == Phase::Landing || state == State::Landed;
             let state = if !landing && touches { State::Tracking } else { state };
             for _ in 0..repeat {

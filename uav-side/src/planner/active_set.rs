@@ -66,7 +66,7 @@ pub(super) struct ActiveSet<const N: usize> {
     factor: Vec<f64>,
     capacity: usize,
     /// Data of the joining row: its image, its row of the factor, and the change of the set's multipliers per unit of
-    /// its own.
+    /// the joining row's multiplier.
     image: Vec<f64>,
     joining: Vec<f64>,
     change: Vec<f64>,
@@ -222,7 +222,7 @@ impl<const N: usize> ActiveSet<N> {
     /// Adds the row, and removes rows whose multipliers reach zero. Returns false after too many changes.
     fn join(&mut self, free: &Condensed<N>, row: Row, over: f64, changes: &mut u32) -> bool {
         if let Some(i) = row.slack.filter(|i| !self.slacks[*i].open) {
-            // So far the slack was at its bound, with its linear cost as multiplier.
+            // Until now the slack was at its bound, and its multiplier was its linear cost.
             self.slacks[i].open = true;
             self.image.fill(0.0);
             self.joining.clear();

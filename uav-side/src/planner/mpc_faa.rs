@@ -294,7 +294,7 @@ struct ChainMpc<const N: usize> {
     limits: ChainLimits<N>,
     fast: Condensed<N>,
     exact: ActiveSet<N>,
-    /// Only in the paper's planner.
+    /// Interior-point solver, only in the paper's planner.
     interior: Option<ChainSolver<N>>,
     cost: Vec<StageCost<N>>,
     floor: Vec<f64>,

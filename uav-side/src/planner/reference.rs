@@ -215,7 +215,7 @@ impl ReferenceGenerator {
             q.start[state::NORTH] - deck.position[0],
             q.start[state::EAST] - deck.position[1],
         );
-        // A station is at an approach height, and the mission sets its waypoints.
+        // To a station, which is at an approach height, the mission sets the waypoints itself.
         let stays = q.view.mission.station.is_some();
         if q.goal != Goal::Above || stays || forecast.surroundings.is_open() || from.norm() < NEAR_DECK_M {
             return None;
@@ -443,7 +443,7 @@ impl ReferenceGenerator {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Goal {
     Hold,
-    /// Climb while keeping the position above the deck.
+    /// Climb at a constant position relative to the deck.
     Leave,
     /// Stay above the deck at a height above its mean level.
     Above,

@@ -64,7 +64,7 @@ fn qp_solution_against_dense_optimum() {
         mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution);
         assert_eq!(solution.solve, Solve::Optimal);
         let mut data = naive_data(&c, &mpc, &problem);
-        // Late inputs hardly affect the cost, so only a tight gap determines them.
+        // Late inputs hardly affect the cost, so only a small duality gap determines them.
         data.tolerance = 1e-12;
         let dense = naive::constrained(&data).expect("solved");
         worst = worst.max(largest_difference(&solution.inputs, &dense));
@@ -73,7 +73,7 @@ fn qp_solution_against_dense_optimum() {
         compared += 1;
     }
     assert!(compared > 20, "{compared}");
-    // The tilt input has a range of 0.6, and the solver's gap is 1e-9.
+    // The tilt input has a range of 0.6, and the solver's duality gap is 1e-9.
     assert!(worst < 2e-3, "{worst}");
 }
 

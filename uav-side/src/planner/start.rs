@@ -91,8 +91,8 @@ pub(super) fn start(
                 ..
             }) = landing
             {
-                // A drone below its plan would meet the deck sooner and faster than planned. A drone above its plan is
-                // driven down by the gap, so the plan is kept.
+                // A drone below its plan would meet the deck sooner and faster than planned. Above its plan, the drone
+                // is brought down by the pilot's tracking loop, so the plan is kept.
                 for (i, max) in [(state::DOWN, reset.ahead_m), (state::V_DOWN, reset.ahead_mps)] {
                     state[i] += (gap[i] - max).max(0.0);
                 }

@@ -437,7 +437,7 @@ impl Head {
             turn: (-dt / n.turn.1).exp(),
         }
     }
-    /// `v <- A v` for a state or a row of the covariance. `oscillators` are the blocks after the head.
+    /// `v <- A v` for a state or a row of the covariance. `oscillators`: blocks of the states after the head.
     fn advance(&self, v: &mut [f64; MAX_STATES], oscillators: &[[f64; 4]]) {
         v[MEAN] += self.reach * v[RATE];
         v[RATE] *= self.rate;

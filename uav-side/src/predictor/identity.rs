@@ -375,7 +375,7 @@ impl Decks {
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
-                // While the radio is received, a second deck may still appear at the vessel's position.
+                // While the radio is received, the own deck may still come into view.
                 return (now - deck.since).secs() >= FOLLOWED_S && !radio;
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))

@@ -393,7 +393,7 @@ mod tests {
         assert!(trust.elsewhere(&other, &Vector3::zeros(), &c).is_some());
     }
 
-    /// Whether tags `apart` from the fixes of a deck that moves at 8 m/s contradict the fixes.
+    /// Whether tags at the distance `apart` (m) from the fixes contradict these; the deck moves at 8 m/s.
     fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
         let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
         let velocity = Vector3::new(8.0, 0.0, 0.0);

@@ -101,17 +101,17 @@ mod tests {
         odometry: Odometry,
         predictor: Predictor,
         tick: u32,
-        /// Position of the drone by the autopilot's estimate.
+        /// Position of the drone as estimated by the autopilot.
         place: Vector3<f64>,
         yaw: f64,
-        /// Position of the deck by radio, relative to the datum.
+        /// Position of the deck received by radio, relative to the datum.
         deck: Vector3<f64>,
         /// Boot id, and position of the datum.
         vessel: (u32, Vector3<f64>),
         origin: Vector3<f64>,
-        /// Position of the deck relative to the drone by the camera, in the drone's axes.
+        /// Position of the deck relative to the drone, measured by the camera, in the drone's axes.
         detection: Option<Vector3<f64>>,
-        /// Position of the deck relative to the drone by a receiver, NED.
+        /// Position of the deck relative to the drone, measured by a receiver, NED.
         relative: Option<Vector3<f64>>,
         /// Positions of the deck (forecast) and of the drone (odometry).
         newest: Option<(Vector3<f64>, Vector3<f64>)>,
@@ -294,7 +294,8 @@ mod tests {
 
     #[test]
     fn heading_aligned_before_the_first_detection() {
-        // The heading is aligned by 118 deg. If a deck 55 m away were rotated with it, it would be wrong by 94 m.
+        // The alignment turns the heading by 118 deg. If a deck 55 m away were rotated with it, it would be wrong
+        // by 94 m.
         let mut b = Bench::new(Vector3::new(0.0, 0.0, -10.0), 0.0, Vector3::new(55.0, 0.0, 0.0));
         b.run(2.0);
         let before = b.apart();

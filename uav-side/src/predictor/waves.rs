@@ -110,7 +110,7 @@ impl DeckMotion {
 /// Motions, as oscillators, of modes that have become too old to extrapolate.
 #[derive(Clone, Debug)]
 pub struct HandOver {
-    /// Motion of each oscillator, the residual one first.
+    /// Motion of each oscillator, that of the residual oscillator first.
     pub motions: Vec<DeckMotion>,
     /// Fraction of the motion's variance that the modes do not explain, by degree of freedom.
     pub unknown: [f64; AXES],
@@ -302,8 +302,8 @@ impl Waves {
     pub fn reach_s(&self) -> f64 {
         self.spread.step_s * self.spread.stages.len().saturating_sub(1) as f64
     }
-    /// Replaces the modes at `at` by oscillators that the filters estimate. Returns their motions, the residual one
-    /// first.
+    /// Replaces the modes at `at` by oscillators that the filters estimate. Returns the oscillators' motions, that
+    /// of the residual oscillator first.
     pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
@@ -341,7 +341,8 @@ impl Waves {
         Some(HandOver { motions, unknown })
     }
 
-    /// Modes at `t`, from the message that was then the newest; `step_s` is their step.
+    /// Modes at `t`, from the message that was the newest at that time; `step_s` is the step of
+    /// [`DeckModes::advance`].
     pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {

@@ -48,7 +48,8 @@ impl FlightEstimator {
     pub(crate) fn specific(&self, u: f64) -> f64 {
         u * GRAVITY / self.hover
     }
-    /// Own commanded thrust after its lag, 0 to 1. None until it is in effect, and while the autopilot closes the loop.
+    /// Own commanded thrust after its lag, 0 to 1. None until the command is in effect, and while the autopilot closes
+    /// the loop.
     pub(crate) fn in_force(&self) -> Option<f64> {
         self.applied.filter(|_| self.commanded_s >= IN_FORCE_S)
     }

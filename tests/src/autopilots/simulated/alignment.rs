@@ -32,7 +32,7 @@ pub(super) struct Unaligned {
 }
 
 impl Unaligned {
-    /// Draws which starts first, the autopilot or Alight's processes, the heading error and the delay.
+    /// Draws the order in which autopilot and Alight's processes start, the heading error and the delay.
     pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();

@@ -30,7 +30,8 @@ pub(super) fn rate_set_point(
 ) -> Vector3<f64> {
     let wanted = target.attitude;
     let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
-    // Shortest rotation that aligns the thrust axis. It is not unique upside down, where the heading does not matter.
+    // Shortest rotation that aligns the thrust axis. It is not unique upside down, but then the heading does not
+    // matter.
     let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
     let mix = canonical(&(reduced.inverse() * wanted));
     let half = config.yaw_weight * mix.k.clamp(-1.0, 1.0).asin();

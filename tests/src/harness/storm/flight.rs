@@ -32,7 +32,7 @@ const DESCENDS_S: f64 = 30.0;
 
 /// Charge given to a drone that waits in OFFBOARD (GUIDED), above the level at which the operator must decide.
 const RUNS_LOW: f64 = 0.01;
-/// Maximum time from setting that charge to the rest on the deck, s.
+/// Maximum time from setting that charge until the drone rests on the deck, s.
 const COMES_DOWN_S: f64 = 330.0;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -222,8 +222,8 @@ impl Run {
         looks.find_map(|(k, watch)| watch.look(rig, k, &scene))
     }
 
-    /// Ending of the flight, and the rule broken by a drone that had enough undisturbed time; None: the
-    /// flight continues.
+    /// Ending of the flight, and the rule that was broken although the drone had enough time without faults;
+    /// None: the flight continues.
     fn over(&mut self) -> Option<(StormEnding, Option<Violation>)> {
         let (rig, people, t_s) = (&self.rig, &self.people, self.rig.t_s());
         let active = |f: &Scheduled| f.timer.began_s.is_some() && !f.timer.over;

@@ -5,7 +5,7 @@
 use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
-/// Capability that the drone loses by a fault, which excuses rules for that time.
+/// Capability that a fault takes from the drone; rules are excused while it is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Takes {
     Nothing,

@@ -358,7 +358,7 @@ pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
     on_deck || state.is_landing() && !rests
 }
 
-/// Ending of a first drone that broke no rule and did not rest on the deck for the required time.
+/// Ending of a flight in which the first drone neither broke a rule nor rested on the deck for long enough.
 pub fn end(rig: &Rig) -> StormEnding {
     let o = rig.world.observation();
     if !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M {

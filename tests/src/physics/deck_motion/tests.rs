@@ -495,7 +495,7 @@ fn recording_of_quantities_on_rows_of_their_own() {
         "{:?}",
         recording.mean
     );
-    // The boat turns by 108 deg and then half of that back; the heading does not jump.
+    // The boat turns by 108 deg and then back by half of that; the heading does not jump.
     let heading = || recording.y.iter().map(|y| y[HEADING].to_degrees());
     let turned = heading().fold(f64::MIN, f64::max) - heading().fold(f64::MAX, f64::min);
     assert!((100.0..115.0).contains(&turned), "{turned}");

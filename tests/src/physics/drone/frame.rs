@@ -36,8 +36,8 @@ const HEXA_X: [[f64; 3]; 6] = [
 
 impl RotorFrame {
     /// `[forward, right, yaw]` of each rotor: position in units of arm / sqrt 2, and yaw direction. A rotor
-    /// that turns counter-clockwise, viewed from above, yaws the body clockwise (+yaw in FRD). Along each
-    /// axis the squares sum to the number of rotors.
+    /// that turns counter-clockwise, viewed from above, yaws the body clockwise (+yaw in FRD). The squares of
+    /// each column sum to the number of rotors.
     pub fn rotors(self) -> &'static [[f64; 3]] {
         match self {
             RotorFrame::QuadX => &QUAD_X,

@@ -32,7 +32,7 @@ pub struct Ultraviolet {
 }
 
 impl Ultraviolet {
-    /// `glints` is the number per image.
+    /// `glints` is the number of glints per image.
     pub fn new(settings: &UvdarSettings, glints: usize, streams: &Streams) -> Ultraviolet {
         let mut noise = Noise::new(streams, "drone.ultraviolet");
         Ultraviolet {

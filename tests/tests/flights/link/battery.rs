@@ -58,7 +58,7 @@ fn low_battery_return_and_landing() {
     ] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
         p.mission = State::GaveUp;
-        // First below the mission's reserve; then, for the deck, below the link's.
+        // The charge is first below the mission's reserve, later below that of the link, which does not act.
         p.linked.autopilot.battery = 0.15;
         p.run(1.0);
         p.assert_commanding();

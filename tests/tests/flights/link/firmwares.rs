@@ -67,7 +67,7 @@ fn tilted(d: &DroneState) -> SetPoint {
 
 #[test]
 fn thrust_of_a_tilted_drone() {
-    // ArduCopter on its own would add 9 % of thrust.
+    // If the link did not compensate for it, ArduCopter would add 9 % of thrust to a tilted drone.
     for firmware in BOTH {
         let mut p = LinkRig::commanding(firmware, 50.0, &config());
         p.mission = State::Descent;

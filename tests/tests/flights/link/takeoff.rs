@@ -176,7 +176,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.run(5.0);
             assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
         }
-        // A restarted link does not end it, either.
+        // A restarted link does not end that mission, either.
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
@@ -184,7 +184,7 @@ fn mission_chosen_again_after_the_turn_back() {
     }
 }
 
-/// A link that was restarted, or that follows a disarm, does not repeat an arming that the pilot may have ended.
+/// After a restart or a disarm, the link does not repeat an arming that the pilot may have ended.
 #[test]
 fn arming_that_a_pilot_may_have_ended() {
     for firmware in BOTH {

@@ -112,7 +112,8 @@ pub(super) fn descent(
 /// Distance above the lowest plan within which the drone follows the deck, m: the heave that it does not follow.
 const MATCHED_WITHIN_M: f64 = 0.5;
 
-/// Ends a descent without a landing: the drone climbs after following the deck at the lowest plan since `matched`.
+/// Ends a descent without a landing: the drone follows the deck at the lowest permitted height, from `matched` on,
+/// and then climbs.
 fn matching(
     lowest_m: f64,
     violated: Option<DroneTime>,

@@ -87,7 +87,7 @@ impl Places {
         }
         Ok(places)
     }
-    /// Deck for nodes and world, with the hull's suggested tag layout, or else that of `base`.
+    /// Deck for nodes and world, with the tag layout suggested by the hull's file, otherwise that of `base`.
     pub fn deck(&self, base: &DeckGeometry) -> DeckGeometry {
         let deck = &self.deck;
         DeckGeometry {

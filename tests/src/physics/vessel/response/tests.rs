@@ -35,7 +35,7 @@ fn supplied_hulls_in_long_waves() {
     for name in HULLS {
         let hull = HullFiles::load(name).unwrap();
         assert_eq!(hull.table.range(), [0.4, 5.0], "{name}");
-        // In waves much longer than the hull, it heaves and surges with the water.
+        // In waves much longer than the hull, the hull heaves and surges with the water.
         for deg in [0.0, 45.0, 90.0, 135.0, 180.0, -45.0, -90.0, 270.0] {
             let r = hull.table.at_frequency(0.4).towards(f64::to_radians(deg));
             assert!(
@@ -260,7 +260,7 @@ fn square_path_closure_and_speed() {
         let round = 4.0 * side / speed;
         let mut widest = 0.0_f64;
         let mut t = 0.0;
-        // Start on the first leg; later legs cut the corner at which the first began.
+        // The start is on the first leg; later legs cut the corner at which the first leg began.
         let start = path.at(0.3 * side / speed).position;
         let mut nearest_after = f64::INFINITY;
         while t < 1.2 * round {
