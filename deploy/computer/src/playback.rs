@@ -60,7 +60,7 @@ pub struct NodeReplay {
 /// settings.
 pub type ForeignLaw<'a> = &'a dyn Fn(&str, &DroneSettings) -> Result<Option<Box<dyn Law>>, CliError>;
 
-/// Starts of the rows in a log, in data-flow order; observers see no others.
+/// Process starts of the log's rows, in data-flow order; observers receive no others.
 pub fn shown(log: &Log) -> Vec<PartHeader> {
     let mut rows: Vec<_> = log.starts.iter().filter(|s| s.rank().is_some()).collect();
     rows.sort_by_key(|s| s.rank());

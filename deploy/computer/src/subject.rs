@@ -116,7 +116,7 @@ pub fn commanded_drone(
     match drone_of_instance(name)? {
         Some(drone) => Ok(drone),
         // Without the configuration an order might carry the wrong drone's number, so it is rejected; an abort is
-        // tried.
+        // still sent.
         None if !is_abort && is_running(&Instance::new(name)?) => Err(CliError(format!(
             "the configuration of the processes {name} is not found: name it with --config"
         ))),

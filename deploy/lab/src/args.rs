@@ -21,7 +21,7 @@ use clap::{Arg, Args, Command, ValueEnum};
 use super::exec;
 use super::study::definition;
 
-/// Parses flags without the name of the command, which is inserted first.
+/// Parses the flags that follow the name of the command, which is the first of `arguments`.
 #[cfg(test)]
 pub fn typed<T: Args>(arguments: impl IntoIterator<Item = impl Into<OsString> + Clone>) -> T {
     let matches = T::augment_args(Command::new("alight")).try_get_matches_from(arguments);

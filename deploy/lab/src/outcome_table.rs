@@ -123,7 +123,7 @@ pub fn summary(s: &Summary) -> String {
         100.0 * hi,
         plural(s.unsafe_contacts, "unsafe contact"),
     );
-    // One landing may have several such contacts, or none if it toppled or its motors stayed on.
+    // One landing may have several such contacts, or none if the drone toppled or its motors stayed on.
     let by = match (s.unsafe_trials, s.unsafe_contacts) {
         (0, _) => String::new(),
         (_, contacts) => format!(" (by {})", plural(contacts, "contact")),

@@ -12,7 +12,8 @@ use crate::landing::{directory, pid, status_when};
 /// Maximum time on the deck with motors on, s: the autopilot denies commands for 1 s, PX4 returns from its failsafe,
 /// and a restarted process searches for evidence of the landing.
 const MOTORS_ON_S: f64 = 5.0;
-/// Time from the first disarm for which the autopilot denies it, s; longer than the delay of a fault after the stop.
+/// Time after the first disarm command during which the autopilot denies it, s; longer than the delay of a fault
+/// after the stop.
 const DENIES_S: f64 = 1.0;
 
 /// Whether the drone rests on the deck, disarmed in time, or is away from it without contact; nothing hit the water,
@@ -64,8 +65,8 @@ fn are_among(states: &[String], all: &[(String, f64)]) -> bool {
     states.iter().all(|state| all.any(|(name, _)| name == state))
 }
 
-/// Whether the list's scene ends with a landing, or waiting, in lock-step and on real processes, through the same
-/// states.
+/// Whether the list's scene ends with a landing on real processes, and in lock-step. Asserts that both pass through
+/// the same states.
 fn endings(list: &str, name: &str) -> [bool; 2] {
     let list = format!("{}/../tests/storm/{list}.toml", env!("CARGO_MANIFEST_DIR"));
     let json = |command: String| {

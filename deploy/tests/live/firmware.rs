@@ -47,7 +47,7 @@ pub struct FirmwareFlight {
     pub firmware: Firmware,
     /// Further flags of `alight land`: sea, seed, fault.
     pub flags: String,
-    /// Time from the first disarm for which the autopilot denies commands, s.
+    /// Time after the first disarm command for which the autopilot denies commands, s.
     pub denies_s: f64,
 }
 

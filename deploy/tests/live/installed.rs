@@ -262,8 +262,8 @@ impl Installed {
     fn assert_accepted(&self, out: &Output) {
         assert!(out.status.success(), "{out:?}\n{}", self.complaints());
     }
-    /// Asserts that neither an unauthorised peer nor the drone itself commands through the vessel, and that the
-    /// status shows the attempt.
+    /// Asserts that neither an unauthorised peer nor the drone itself can send a command through the vessel, and
+    /// that the status shows the attempt.
     fn assert_others_rejected(&self) {
         std::thread::scope(|scope| {
             for keys in ["other/operator-1", "drone-1"] {
@@ -343,7 +343,7 @@ fn open_to_all(directory: &Path) {
     }
 }
 
-// For the program under test see `rehearsal_of_the_shipped_files`, with the sensors' bytes and the camera's images.
+// `rehearsal_of_the_shipped_files` does this for the program under test, with sensor bytes and camera images.
 #[test]
 #[ignore = "needs the installed packages, which deploy/packages/test makes"]
 fn landing_of_the_shipped_configurations() {

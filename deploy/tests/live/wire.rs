@@ -136,7 +136,7 @@ fn foreign_program_on_the_radio() {
         (1, &[7; 100][..])
     );
     assert_eq!(newest[0].encoding().to_string(), encoding);
-    // The client also receives which peers are present.
+    // The client also receives the liveliness token of each peer.
     let alive = unauthorised.liveliness().get("alight/*").wait().expect("asks");
     let alive = alive.into_iter().filter_map(|r| r.into_result().ok());
     let alive: Vec<String> = alive.map(|s| s.key_expr().to_string()).collect();

@@ -279,7 +279,8 @@ struct LightRecord {
 }
 
 impl LightRecord {
-    /// Records that the detector has processed an image; sends its light to `metered` with image number `number`.
+    /// Records the light of an image that the detector has processed, and sends it with the image's number to the
+    /// channel in `metered`.
     fn looked(
         &mut self,
         frame: &CameraFrame,
@@ -551,7 +552,7 @@ impl SourceThread {
                         None => None,
                     };
                     let image = SourceEvent::Image(frame, self.number, setting);
-                    // Files wait for the node; of a camera's images only the newest is used.
+                    // Files wait for the node; a camera's image is dropped if the queue is full.
                     if files {
                         self.events.send(image).ok()?;
                     } else if let Err(TrySendError::Disconnected(_)) = self.events.try_send(image) {

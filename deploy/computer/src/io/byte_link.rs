@@ -154,7 +154,7 @@ impl ByteLink {
             }
         }
     }
-    /// Passes the peer's bytes to `take`; false after any other event.
+    /// Handles an event of the link, passing the peer's bytes to `take`. Returns whether to continue reading.
     fn received(
         &mut self,
         received: io::Result<LinkReceived>,

@@ -113,7 +113,7 @@ impl Open {
             Poll::Pending => None,
         }
     }
-    /// Writes as many of a stream's bytes as the line accepts, once it accepts any.
+    /// Waits until a stream accepts bytes, writes as many as it accepts, and returns their number.
     pub async fn drain(&self, bytes: &[u8]) -> io::Result<usize> {
         match self {
             Open::Tcp(stream, _) => when_ready(stream, Interest::WRITABLE, |mut s| s.write(bytes)).await,

@@ -1,4 +1,4 @@
-//! Listeners that wake a row, awaited in tokio in addition to its edge.
+//! Listeners of the topics that wake a row, awaited in tokio together with the row's edge.
 
 use std::future::poll_fn;
 use std::task::Poll;

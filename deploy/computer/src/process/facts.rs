@@ -70,7 +70,7 @@ impl Facts {
 pub struct Reporter {
     facts: Facts,
     reports: Publisher<ComputerReport>,
-    /// Next publication and next reading of the certificate's file, on the steady clock, ns.
+    /// Times of the next publication and of the next reading of the certificate's file, on the steady clock, ns.
     due_ns: i64,
     read_due_ns: i64,
 }

@@ -17,8 +17,8 @@ const STABLE_RUN: Span = Span::from_millis(5000);
 /// Factor on the silence timeout before the first report: a process loads libraries and opens devices, and on a busy
 /// computer simultaneous starts delay each other.
 const START_FACTOR: f64 = 5.0;
-/// Maximum number of doublings of the start's silence timeout, one for each kill for silence, because killing a slow
-/// process does not make it faster. A stable run resets the timeout.
+/// Maximum number of doublings of the silence timeout before the first report. Each kill doubles it, because killing
+/// a slow process does not make it faster. A stable run resets the timeout.
 const MAX_DOUBLINGS: u32 = 3;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -277,8 +277,8 @@ mod tests {
         }
     }
 
-    /// Times of each start and kill of a process, ms, on a busy computer on which a process takes `start_ms` to its
-    /// first report. The process then reports at 2 Hz, except at times when `hang` is true.
+    /// Times of each start and kill of a process, ms, on a busy computer where the first report comes `start_ms` after
+    /// a start. Later reports come at 2 Hz, except while `hang` is true.
     fn on_a_busy_computer(
         kinds: &[ProcessKind],
         start_ms: i64,
@@ -359,7 +359,7 @@ mod tests {
         let never = kills(&on_a_busy_computer(&[PILOT], 1_000_000, |_| false, 1_000_000));
         assert!(never.len() >= 8, "{never:?}");
         assert!(never.windows(2).all(|w| w[1] - w[0] <= 123_000), "{never:?}");
-        // A process that hangs after long runs is killed as early as the first time.
+        // The silence timeout of a process that hangs after long runs is the same at each hang.
         let hangs = |ms: i64| (30_000..40_000).contains(&ms) || (100_000..110_000).contains(&ms);
         let twice = kills(&on_a_busy_computer(&[PILOT], 200, hangs, 150_000));
         let after: Vec<i64> = [30_000, 100_000]

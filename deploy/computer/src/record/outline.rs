@@ -6,7 +6,7 @@ const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// Magic bytes at both ends of a file, and opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const CHUNK: u8 = 0x06;
-/// Opcode of no record: a file system leaves zeros in a block that was never written.
+/// Opcode that no record has: a file system leaves zeros in a block that was never written.
 const NONE: u8 = 0;
 
 fn number(bytes: &[u8], at: usize) -> Option<u64> {

@@ -48,7 +48,7 @@ impl VesselStatusReport {
             self.estimated_ns = Some(now_ns);
             if now_ns.saturating_sub(self.motion_ns) >= MOTION_PERIOD_NS {
                 self.motion_ns = now_ns;
-                // Samples that do not fit are too late for the motion picture.
+                // Samples that do not fit would be too late for the page's picture of the motion.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
             estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));

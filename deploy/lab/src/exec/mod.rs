@@ -132,7 +132,7 @@ impl Law for ExecLaw {
     }
 }
 
-/// Name of the program, and of what the flight lacks after its failure.
+/// Names of the program and of its output, which the flight lacks after a failure.
 type Part = [&'static str; 2];
 const PLANS: Part = ["planner", "plans"];
 

@@ -145,7 +145,7 @@ impl LiveFault {
         }
     }
 
-    /// The affected process, never the world, because the world is the vehicles; None for an order.
+    /// Process that the fault affects; None for an order. It is never the world's, which simulates the vehicles.
     pub fn process(&self) -> Option<ProcessKind> {
         self.timer.fault.kind.process()
     }

@@ -93,7 +93,7 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// Listens where the firmware looks for a simulator. The simulated autopilot sends its MAVLink to `mavlink` and
+    /// Listens on the port to which the firmware connects. The simulated autopilot sends its MAVLink to `mavlink` and
     /// to a ground station at `station`, signed if a key is set.
     pub fn open(
         kind: AutopilotKind,

@@ -351,7 +351,7 @@ struct LandingWatch {
     /// Ages of radio and vision in the forecast at first contact, s.
     ages: Option<[f64; 2]>,
     history: History,
-    /// End of the time on the deck, since the start, s.
+    /// Time since the start at which the stay on the deck ends, s.
     stays_until_s: Option<f64>,
     touched: bool,
     motors_on_deck_s: f64,

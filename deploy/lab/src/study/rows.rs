@@ -18,7 +18,7 @@ use super::definition::{BY_ROW, Changes, Definition, PublishedResult, StudyAxis,
 use crate::args::{PlannerChoice, SceneArgs, StudyArgs};
 use crate::scene::Scene;
 
-/// Tables of changes, named after the flags whose files they replace.
+/// Tables of configuration keys in a study's row, each named after the flag for that file.
 const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 
 #[derive(Clone, Debug)]

@@ -249,7 +249,7 @@ pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     }
     let barred = go::barred(m.state, &m.entered).filter(|_| !s.snapshot.mission.is_old(s.now_ns));
     let go = Go::of(findings, unknown(s)).worse(barred.map(Go::barred));
-    // Before a descent a radio that may be lost on the way is no reason to abort.
+    // Before a descent, a lost radio is no reason to abort while the mission handles the loss by itself.
     if !landing_without_radio(s) || radio_lost_s(s).is_none_or(f64::is_infinite) || go.go == Some(false) {
         return go;
     }

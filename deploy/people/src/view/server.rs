@@ -42,7 +42,7 @@ pub struct Served {
 
 /// Order from the page, answered with a text of its result.
 pub struct PageOrder {
-    /// Name of the order; empty for that of the large button.
+    /// Name of the order; empty for the order of the large button.
     pub name: String,
     pub reply: oneshot::Sender<Result<String, String>>,
 }

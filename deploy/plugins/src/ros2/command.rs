@@ -274,7 +274,7 @@ impl Drone {
                 continue;
             }
             // Without the configuration a landing might be ordered from the wrong drone, so it is rejected; an abort
-            // is tried.
+            // is still sent.
             if !ports.is_known && request.kind != CommandKind::Abort {
                 request.reply(false, UNKNOWN);
                 continue;

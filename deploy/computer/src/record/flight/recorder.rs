@@ -34,7 +34,7 @@ pub struct NodeRecorder {
     batch: Batch,
     since_ns: i64,
     steps: u64,
-    /// Number of dropped steps that the thread does not count yet.
+    /// Number of dropped steps that the thread has not counted yet.
     dropped: u64,
     to: Option<SyncSender<Batch>>,
     free: Receiver<Batch>,

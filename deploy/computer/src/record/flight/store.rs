@@ -132,7 +132,7 @@ fn stamp(t: OffsetDateTime) -> String {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Removed {
     Flight(PathBuf),
-    /// The oldest part of the current flight, which then can no longer be replayed; the last resort.
+    /// Oldest part of the current flight. Its removal is the last resort, because the flight can then not be replayed.
     Part(PathBuf),
 }
 

@@ -21,7 +21,7 @@ pub struct RehearseArgs {
     pub drone_config: Option<PathBuf>,
     /// Program to rehearse [default: this one]
     ///
-    /// Its services are run, for example those of a package's /usr/bin/alight.
+    /// The rehearsal runs the services of this program, for example of a package's /usr/bin/alight.
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
     /// Seed of sea, noise and start

@@ -21,8 +21,8 @@ pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     (broken == later && !findings.is_empty(), figure)
 }
 
-/// Whether a firmware is fit for a landing at the end of the warm-up. `rejection` is the reason against it, from the
-/// link that reads its parameters.
+/// Whether a firmware is fit for a landing at the end of the warm-up. `rejection` is the reason why it is not, from
+/// the link that reads its parameters.
 pub fn fitness(rejection: Option<&str>) -> (bool, String) {
     match rejection {
         Some("") => (true, "its parameters suit a landing, and it has an origin".into()),

@@ -52,7 +52,7 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyRow {
     StudyRow::of(name(state, wind, from), world, base.nodes.clone())
 }
 
-/// Condition that the mission waits for, without the judge's text before it.
+/// Condition that the mission waits for, without the preceding text of the judge.
 fn waits_for(failure: &FailureCount) -> String {
     let why = failure.reason.rsplit("mission waiting: ").next();
     why.unwrap_or_default().into()

@@ -298,7 +298,7 @@ fn board_of_an_old_answer() {
     assert_eq!(step(&mut board, 7.0, State::Idle, true), "");
 }
 
-/// The situations of `deploy/scripts/page` have the fields of present pictures.
+/// The situations recorded in `deploy/scripts/page` have the same fields as the pictures that the board makes now.
 #[test]
 fn recorded_situations_of_the_page() {
     use serde_json::Value;
