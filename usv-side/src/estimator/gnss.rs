@@ -15,6 +15,8 @@ use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).
 const GATE: f64 = 25.0;
+/// Gate for headings, smaller than [`GATE`]: a wrong first second that passes it takes at most 3 sd of the heading with it.
+const HEADING_GATE: f64 = 20.0;
 /// Standard deviation of a rate of turn, rad/s (our choice: smoothed, sent in tenths of a degree per minute).
 const RATE_SD: f64 = 0.02;
 /// Consecutive rejected fixes after which the position is re-initialised (2 s at 10 Hz).
@@ -304,7 +306,7 @@ impl VesselFilter {
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
         let (lasted_s, drift) = own.contradiction();
         if lasted_s < LASTING_S || others().any(|(_, other)| other.age_s(at) < LASTING_S) {
-            return (GATE, false);
+            return (HEADING_GATE, false);
         }
         let accepted_s = own.fused_at.map_or(0.0, |t| (t - self.started).secs());
         let grows = drift.abs() > 0.5 * (innovation - drift).abs();
