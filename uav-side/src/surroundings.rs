@@ -85,20 +85,32 @@ impl Passage {
     /// Face by which a drone at `here` passes the volume: the top if the drone is higher. Otherwise, of the sides that
     /// it is beyond, the one with the most room at the plan's end `there`; from inside, the nearest side. Each position
     /// comes with the deck of its time.
+    ///
+    /// At speed another side is out of reach. Therefore the face in `former` also counts within [`MARGIN_M`] of its bound,
+    /// which moves with a rocking deck, and another side replaces it only if the plan ends beyond that side.
     pub(crate) fn of(
         volume: &KeepOut,
         margin: f64,
         here: (&DeckStage, &Vector3<f64>),
         there: (&DeckStage, &Vector3<f64>),
+        former: &[Passage],
     ) -> Passage {
         let [from, to] = [here, there].map(|(deck, place)| in_deck(deck, place));
+        let former = former.iter().find(|p| p.volume == *volume).map(|p| p.face);
+        // Larger is better: depth inside the face, at most 0; whether the plan ends beyond it; room there.
+        let rank = |face, beyond: f64, room: f64| {
+            let is_former = former == Some(face);
+            let depth = (beyond + if is_former { MARGIN_M } else { 0.0 }).min(0.0);
+            (depth, is_former || room >= 0.0, room)
+        };
         let above = f64::from(volume.low[2]) - margin - from.z;
         // From inside, the nearest face has priority.
-        let mut best = (Face::Top, above.min(0.0), f64::INFINITY);
+        let mut best = (Face::Top, rank(Face::Top, above, f64::INFINITY));
         for (axis, sign) in [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)] {
             let beyond = |q: &Vector3<f64>| sign * q[axis] - bound(volume, axis, sign) - margin;
-            let side = (Face::Side(axis, sign), beyond(&from).min(0.0), beyond(&to));
-            if (side.1, side.2) > (best.1, best.2) {
+            let face = Face::Side(axis, sign);
+            let side = (face, rank(face, beyond(&from), beyond(&to)));
+            if side.1 > best.1 {
                 best = side;
             }
         }
@@ -171,7 +183,7 @@ mod tests {
             let deck = stage([1.0, 2.0, -1.0], euler);
             let after = stage([3.0, -1.0, -2.0], later);
             let mut p = Vector3::from(then);
-            let passage = Passage::of(&volume, 1.0, (&deck, &Vector3::from(now)), (&after, &p));
+            let passage = Passage::of(&volume, 1.0, (&deck, &Vector3::from(now)), (&after, &p), &[]);
             if let Some(z) = passage.top_z(&after, p.x, p.y) {
                 p.z = p.z.min(z);
             }

@@ -25,12 +25,12 @@ impl ReferenceGenerator {
         reference: &mut PlanReference,
         problem: &Problem,
     ) {
-        reference.passages.clear();
+        let former = core::mem::take(&mut reference.passages);
         let (deck, last) = (&reference.deck, problem.reference.last());
         if let (Some(f), Some(now), Some(then), Some(r)) = (&view.forecast, deck.first(), deck.last(), last) {
             let there = Vector3::new(r[0], r[1], r[2]);
             let margin = margin_m(&self.drone);
-            let passage = |v| Passage::of(v, margin, (now, here), (then, &there));
+            let passage = |v| Passage::of(v, margin, (now, here), (then, &there), &former);
             let volumes = f.surroundings.keep_out.iter();
             reference.passages.extend(volumes.map(passage));
         }
