@@ -233,7 +233,7 @@ fn resident() -> Option<u64> {
 }
 
 #[test]
-fn camera_memory_over_a_thousand_images() {
+fn camera_memory_over_three_thousand_images() {
     let mut node = node(320, 240);
     let image = draw(
         320,
@@ -250,8 +250,8 @@ fn camera_memory_over_a_thousand_images() {
         }
         resident()
     };
-    if let (Some(early), Some(late)) = (after(100), after(900)) {
-        // Other tests may use 40 MB of pages at the same time; a leak of one image per detection would use 70 MB.
-        assert!(late < early + 10_000, "{early} to {late} pages");
+    if let (Some(early), Some(late)) = (after(100), after(2900)) {
+        // Tests that run at the same time may use 120 MB of pages; a leak of one image per detection uses 220 MB.
+        assert!(late < early + 30_000, "{early} to {late} pages");
     }
 }
