@@ -60,6 +60,8 @@ const MIN_POSITION_SD_M: f64 = 0.3;
 const RATE_ERROR_RADPS: f64 = 0.0175;
 /// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
 const VELOCITY_ERROR_MPS: f64 = 0.3;
+/// Maximum distance between two equal places, m: rounding errors.
+const SAME_PLACE_M: f64 = 1e-6;
 /// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate; above one
 /// for a smoothed rate (of turn, or a course), because smoothing removes at most the whole change.
 const EXACT: f64 = 0.5;
@@ -184,11 +186,8 @@ impl Plausibility {
         };
         for (part, taken) in parts {
             let Some(mut taken) = taken else { continue };
-            if let Some(standstill) = part
-                .channel()
-                .filter(|_| taken.believed)
-                .and_then(|c| by_others.still(c))
-            {
+            let mut channels = part.channels().iter().filter(|_| taken.believed);
+            if let Some(standstill) = channels.find_map(|c| by_others.still(*c)) {
                 self.verdict(part).reject(at, Doubt::Standstill(standstill, at));
                 taken.believed = false;
                 taken.since = standstill.is_new.then_some(standstill.since);
@@ -274,13 +273,13 @@ impl Plausibility {
         let place = (fix.datum, fix.position);
         self.velocity
             .take(fix.header.at, place, rate, |from, to, integral| {
-                // A repeated position does not test the velocity.
-                if from == to {
-                    return None;
-                }
                 let apart = from.0.to::<VesselNed>(&to.0).0;
                 let change = [apart.x + to.1[0] - from.1[0], apart.y + to.1[1] - from.1[1]];
                 let moved = f64::hypot(change[0], change[1]);
+                // A repeated place does not test the velocity, whatever its height.
+                if moved <= SAME_PLACE_M {
+                    return None;
+                }
                 let further = (moved - f64::hypot(integral[0], integral[1])).abs();
                 let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
                 let disagrees = further > noise + EXACT * moved || off > noise + SMOOTHED * moved;
@@ -386,10 +385,11 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
         Doubt::Mean(x) => format!("has a mean of {}, in waves it has none", size(x)),
         Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
         Doubt::Standstill(s, at) => format!(
-            "stands still for {:.0} s at {:.1} {} while the {} moves",
+            "stands still for {:.0} s at {:.1} {}{} while the {} moves",
             (at - s.since).secs(),
             t.factor * s.value,
             t.unit,
+            s.axis,
             s.by
         ),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),

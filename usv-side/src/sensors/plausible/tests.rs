@@ -233,7 +233,20 @@ fn velocity_that_is_not_that_of_the_position() {
     let all = fixes(&kept);
     assert!(all.len() == 2000 && all.iter().all(has_velocity) && !all.iter().any(has_place));
     assert!(
-        remarks.len() == 1 && remarks[0].text.starts_with("place stands still for"),
+        all.iter().skip(100).all(|g| !has_height(g)),
+        "it repeats the whole fix"
+    );
+    assert!(
+        remarks.len() == 2 && remarks[0].text.starts_with("place stands still for"),
+        "{remarks:?}"
+    );
+    // Its height may move.
+    let (kept, remarks) = sift(series(200, |t| GnssFix {
+        position: [0.0, 0.0, 0.3 * wave(t, 4.0)],
+        ..sailing(t, north, 2.0)
+    }));
+    assert!(
+        fixes(&kept).iter().all(has_velocity) && remarks.len() == 1,
         "{remarks:?}"
     );
     let jumps = |t: f64| GnssFix {
@@ -283,7 +296,7 @@ fn attitude_beyond_its_bound_and_at_a_standstill() {
             } else {
                 0.1 * wave(t, 4.0)
             },
-            0.0,
+            0.03 * wave(t, 3.3),
         ],
         rates: None,
         ..rocking(t)
