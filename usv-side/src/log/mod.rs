@@ -276,6 +276,7 @@ fn has_json(head: &[u8]) -> bool {
 mod tests {
     use super::*;
     use crate::fixtures::{damage, damaged, sentence};
+    use crate::sensors::HeaveSign;
     use proptest::prelude::*;
 
     fn good() -> [Vec<u8>; 2] {
@@ -423,6 +424,33 @@ mod tests {
         let json = "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}\n";
         let e = read(json.repeat(60).as_bytes(), "boat.json", &Mount::default()).unwrap_err();
         assert!(e.to_string().contains("canboat's JSON"), "{e}");
+    }
+
+    #[test]
+    fn heave_of_sentences_by_its_sign() {
+        let mut text = String::new();
+        for k in 0..600 {
+            let t = 0.2 * f64::from(k);
+            let time = format!("12{:02}{:05.2}", k / 300, t % 60.0);
+            let (heave, roll) = (0.4 * (1.5 * t).sin(), 6.0 * (1.6 * t).sin());
+            text += &sentence(&format!(
+                "GPGGA,{time},5918.00000,N,01806.00000,E,4,12,0.8,{:.2},M,23.1,M,,",
+                2.0 + heave
+            ));
+            text += &sentence(&format!(
+                "PASHR,{time},40.0,T,{roll:.2},{:.2},{heave:.2},0.05,0.05,0.2,2,1",
+                0.3 * roll + (1.9 * t).sin()
+            ));
+        }
+        for (sign, contradicts) in [(HeaveSign::Up, false), (HeaveSign::Down, true)] {
+            let mount = Mount {
+                heave: sign,
+                ..Mount::default()
+            };
+            let notes = read(text.as_bytes(), "boat.nmea", &mount).unwrap().notes;
+            let found = notes.iter().any(|n| n.starts_with("heave has the other sign"));
+            assert_eq!(found, contradicts, "{notes:?}");
+        }
     }
 
     #[test]

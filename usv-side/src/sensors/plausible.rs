@@ -6,6 +6,7 @@
 
 mod agreement;
 mod antenna;
+mod drift;
 mod heave;
 mod part;
 mod standstill;
@@ -18,6 +19,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 
 use self::agreement::{Agreement, Lengths};
 use self::antenna::Inverted;
+use self::drift::Drift;
 use self::heave::Heave;
 use self::part::{Part, Texts};
 use self::standstill::Contradicted;
@@ -107,6 +109,8 @@ pub(crate) struct Plausibility {
     tilt: ChannelState,
     place: ChannelState,
     heading: ChannelState,
+    /// Heading across or against the course, at present.
+    drift: Option<Drift>,
     force: ChannelState,
     /// Mean specific force, m/s², with the times of start and newest sample.
     mean_force: Option<([f64; 3], Time<VesselClock>, Time<VesselClock>)>,
@@ -126,6 +130,7 @@ impl Default for Plausibility {
             tilt: ChannelState::default(),
             place: ChannelState::default(),
             heading: ChannelState::default(),
+            drift: None,
             force: ChannelState::default(),
             mean_force: None,
         }
@@ -147,7 +152,7 @@ impl Plausibility {
                 [(Part::Force, Some(force)), none, none, none]
             }
             Measurement::Attitude(fix) => {
-                let heave = fix.heave.map(|h| self.heave.take(at, h, fix.heave_sd));
+                let heave = fix.heave.map(|h| self.heave(fix, h, by_others.heave_per_height));
                 let rates = fix.rates.map(|r| self.rates(fix, r));
                 let by_heading = rates.map(|_| Taken {
                     believed: !self.yaw_rate.verdict.is_out(),
@@ -161,6 +166,7 @@ impl Plausibility {
                 ]
             }
             Measurement::Heading(fix) => {
+                self.drift = by_others.drift;
                 let since = self.compare_yaw_rate(fix);
                 retracted.extend(since.map(|since| (Part::YawRate, since)));
                 let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
@@ -202,6 +208,18 @@ impl Plausibility {
         Judged {
             measurement: is_kept.then_some(m),
             retracted,
+        }
+    }
+
+    fn heave(&mut self, fix: &AttitudeFix, heave: f64, per_height: Option<f64>) -> Taken {
+        let taken = self.heave.take(fix.header.at, heave, fix.heave_sd);
+        let doubt = per_height.filter(|_| taken.believed).map(Doubt::OfHeight);
+        if let Some(doubt) = doubt {
+            self.heave.verdict.reject(fix.header.at, doubt);
+        }
+        Taken {
+            believed: taken.believed && doubt.is_none(),
+            ..taken
         }
     }
 
@@ -371,7 +389,18 @@ impl Plausibility {
                 false => Remark::fine(text),
             })
         };
-        self.verdicts().into_iter().filter_map(remark).collect()
+        let drift = self.drift.map(|d| {
+            Remark::fault(
+                format!(
+                    "{whose}heading is {:.0} deg from the course over ground, steadily, at {:.1} m/s",
+                    d.angle.to_degrees().abs(),
+                    d.speed_mps
+                ),
+                "if she neither goes astern nor drifts: check sign and mounting of the compass",
+            )
+        });
+        let all = self.verdicts().into_iter().filter_map(remark);
+        all.chain(drift).collect()
     }
 }
 
@@ -392,6 +421,12 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
             s.axis,
             s.by
         ),
+        Doubt::OfHeight(ratio) if ratio < 0.0 => {
+            format!(
+                "has the other sign than the height of the fixes, mount.heave ({ratio:.1} m of it a metre)"
+            )
+        }
+        Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the height of the fixes: its unit"),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
         Doubt::Inverted(i) => format!(
             "has the wrong sign of {}, or gnss.antenna_m is wrong: by the fixes the antenna is at {:.1} m above the \

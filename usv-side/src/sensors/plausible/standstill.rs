@@ -14,6 +14,7 @@ use alight_shared::geodesy::Datum;
 use alight_shared::time::{Time, VesselClock};
 
 use super::antenna::{Antenna, Inverted};
+use super::drift::{Drift, DriftAngle};
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
@@ -113,6 +114,8 @@ pub(super) struct Standstill {
 pub(crate) struct Contradicted {
     still: [Option<Standstill>; CHANNELS],
     pub(super) inverted: Option<Inverted>,
+    pub(super) heave_per_height: Option<f64>,
+    pub(super) drift: Option<Drift>,
 }
 
 impl Contradicted {
@@ -313,6 +316,8 @@ struct Sensor {
     rated: Option<Time<VesselClock>>,
     /// Antenna's motion compared with the attitudes of this sensor.
     antenna: Antenna,
+    /// Heading of this sensor compared with the course.
+    drift: DriftAngle,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -335,14 +340,18 @@ impl Movement {
             Measurement::Attitude(attitude) => sensor.antenna.attitude(attitude),
             Measurement::Imu(_) => {}
             Measurement::Heading(heading) => {
+                sensor.drift.heading(heading);
                 let all = self.sensors.iter_mut();
                 all.for_each(|s| s.antenna.heading(number, heading));
             }
-            Measurement::Gnss(fix) if has_place(fix) => {
-                let all = self.sensors.iter_mut();
-                all.for_each(|s| s.antenna.fix(number, fix));
+            Measurement::Gnss(fix) => {
+                for s in &mut self.sensors {
+                    s.drift.fix(fix);
+                    if has_place(fix) {
+                        s.antenna.fix(number, fix);
+                    }
+                }
             }
-            Measurement::Gnss(_) => {}
         }
         for (witness, mut swing) in swings.into_iter().flatten() {
             // A number in steps that crosses one by a hair moves by a whole step.
@@ -366,8 +375,11 @@ impl Movement {
                 }
             }
         }
+        let own = self.sensors.get(k);
         let mut contradicted = Contradicted {
-            inverted: self.sensors.get(k).and_then(|s| s.antenna.inverted()),
+            inverted: own.and_then(|s| s.antenna.inverted()),
+            heave_per_height: own.and_then(|s| s.antenna.heave_per_height()),
+            drift: own.and_then(|s| s.drift.found()),
             ..Contradicted::default()
         };
         let channels = self.sensors.get_mut(k).map(|s| s.channels.iter_mut());

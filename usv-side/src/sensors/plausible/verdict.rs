@@ -29,6 +29,8 @@ pub(super) enum Doubt {
     Axes(f64),
     /// The antenna moves against this sign of roll or pitch.
     Inverted(Inverted),
+    /// Metres of heave for each metre of the fixes' height.
+    OfHeight(f64),
 }
 
 #[derive(Clone, Copy, Debug)]
