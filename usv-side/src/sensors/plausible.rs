@@ -29,6 +29,8 @@ use super::{Measurement, Remark};
 
 /// Maximum roll and pitch of a deck that has not capsized, rad (75 deg).
 const MAX_TILT_RAD: f64 = 1.31;
+/// Time without an impossible tilt after which possible ones are used again, s: half a period of roll.
+const PASSING_S: f64 = 3.0;
 /// Maximum angular rate of a hull about an axis, rad/s: rolling by 45 deg with a period of 1 s peaks at 4.9
 /// rad/s. Degrees mistaken for radians exceed it in most waves.
 const MAX_TURN_RADPS: f64 = 5.0;
@@ -334,13 +336,14 @@ impl Plausibility {
         let at = fix.header.at;
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
         let doubt = doubt.or(inverted.map(Doubt::Inverted));
-        // Without attitude there is no estimate, so a good value is used at once.
+        // Without attitude there is no estimate, so a good value is used soon; degrees pass for radians in between.
+        let passes = self.tilt.is_out() && self.tilt.was_impossible(at, PASSING_S);
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
             None => self.tilt.judge(at, None),
         };
         Taken {
-            believed: doubt.is_none(),
+            believed: doubt.is_none() && !passes,
             since: None,
         }
     }

@@ -82,6 +82,11 @@ impl ChannelState {
         }
         self.out && !was_out
     }
+    /// Whether a value was impossible within the last seconds.
+    pub(super) fn was_impossible(&self, at: Time<VesselClock>, within_s: f64) -> bool {
+        self.newest
+            .is_some_and(|then| (at - then).abs().secs() < within_s)
+    }
     pub(super) fn count(&mut self, believed: bool) {
         self.taken += 1;
         self.left_out += u64::from(!believed);
