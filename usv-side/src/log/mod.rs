@@ -365,6 +365,8 @@ mod tests {
             let mut p = [0_u8; 92];
             p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
             (p[20], p[21]) = (3, 1);
+            // Longitude and latitude.
+            (p[27], p[31]) = (1, 1);
             let body = [&[1_u8, 7, 92, 0][..], &p].concat();
             let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
                 (a.wrapping_add(*x), b.wrapping_add(a.wrapping_add(*x)))

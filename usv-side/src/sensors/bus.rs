@@ -342,6 +342,9 @@ impl SensorBus {
         if !datum.is_on_earth() {
             return Err(Why::Invalid);
         }
+        if datum.is_nowhere() {
+            return Err(Why::Nowhere);
+        }
         let fix = self.mounting.fix(
             datum,
             [north, east, 0.0],

@@ -228,9 +228,11 @@ impl MavlinkDecoder {
             0 => self.mounting.mount.antenna_m.unwrap_or_default(),
             _ => self.mounting.mount.second_antenna_m,
         };
-        if kind >= 2 {
+        let place = Datum::new(latitude_deg, longitude_deg, 0.0);
+        if kind >= 2 && place.is_nowhere() {
+            self.leave_out(at.names[0], Why::Nowhere);
+        } else if kind >= 2 {
             // A height of zero above the ellipsoid means that the autopilot does not provide it.
-            let place = Datum::new(latitude_deg, longitude_deg, 0.0);
             let sea_m = p.i32(16) * 1e-3;
             let stated = Some(p.i32(at.ellipsoid) * 1e-3)
                 .filter(|h| *h != 0.0)

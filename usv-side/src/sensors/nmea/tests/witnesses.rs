@@ -164,6 +164,36 @@ fn decimal_commas_negative_headings_and_qualities() {
             "10 KSXT (attitude or heading",
         ),
         ("PHTRO,1.20,M,5.50,T", "10 PHTRO (attitude or heading"),
+        (
+            "PASHR,ATT,216000.0,42.9,1.2,5.5,0.001,0.002,0",
+            "10 PASHR-ATT (attitude or heading",
+        ),
+        (
+            "PASHR,POS,3,10,120000.00,5000.0,N,01430.0,E,3.0,5.0,40.0,2.0,0.0,1.0,0.8,0.6,0.5,HA00",
+            "10 PASHR-POS (an unsupported kind)",
+        ),
+        ("PTNTHPR,42,9,N,1,2,N,5,5,N", "10 PTNTHPR (9 fields, 6 are known"),
+        (
+            "PTNL,AVR,T,42,90,Yaw,1,20,Tilt,,,1,2,3,1,1,12",
+            "10 PTNL (16 fields, 12 are known",
+        ),
+        // Coordinates with points, empty fields at the end.
+        (
+            "GPGGA,T,5000.0,N,01430.0,E,4,14,0,7,2,M,39,M,,",
+            "10 GPGGA (a number in place of a letter",
+        ),
+        (
+            "GNGNS,T,5000.0,N,01430.0,E,RR,14,0,7,2,00,39,4,,",
+            "10 GNGNS (a number in place of a letter",
+        ),
+        (
+            "IIXDR,A,-0.02,R,PTCH,A,0.1,R,ROLL",
+            "10 IIXDR (angles in another unit than degrees (D))",
+        ),
+        (
+            "GPGGA,T,0000.0,N,00000.0,E,1,12,0.8,0.0,M,0.0,M,,",
+            "10 GPGGA (at 0 N 0 E",
+        ),
     ] {
         let (all, d) = epochs(&[zda, body]);
         assert!(all.is_empty(), "{body}: {all:?}");
@@ -187,6 +217,8 @@ fn other_formats_among_sentences() {
     let lines = [
         ":050000 0000F-0123 0045",
         "#UNIHEADINGA,97,GPS,FINE,2190,375570000,0,0,18,12;SOL_COMPUTED,NARROW_INT,0.3718*f1bb3e1f",
+        "#HEADINGA,COM1,0,60.0,FINESTEERING,1709,313811.000,02000008,0000,9423;SOL_COMPUTED,NARROW_INT*0b0a1d2e",
+        "%BESTPOSA,1709,313811.000;SOL_COMPUTED,NARROW_INT*0b0a1d2e",
         "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}",
         " (1436509052.250000)  can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5",
     ];
@@ -204,6 +236,8 @@ fn other_formats_among_sentences() {
     for name in [
         "5 TSS1",
         "5 UNIHEADINGA",
+        "5 HEADINGA",
+        "5 BESTPOSA",
         "5 canboat-JSON",
         "5 NMEA-2000",
         "5 UBX",
@@ -215,10 +249,10 @@ fn other_formats_among_sentences() {
             d.remarks()
         );
     }
-    assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
+    assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 40));
     // A sender of these sentences is admitted, to be reported; a wind sensor is not.
     let speaks = crate::sensors::Format::Nmea.speaks();
-    assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
+    assert!(speaks(format!("{}\r\n", lines[5]).as_bytes()));
     assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
 }
 
