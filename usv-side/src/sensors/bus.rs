@@ -267,6 +267,9 @@ impl SensorBus {
                 magnetic,
             } => {
                 let north = self.north(device, magnetic, variation, deviation)?;
+                if magnetic {
+                    self.variation.used(north - deviation.unwrap_or_default());
+                }
                 return Ok(Some(self.heading(at_ns, heading + north, magnetic)));
             }
             Content::Attitude(tilt) => return Ok(Some(self.attitude(at_ns, tilt))),

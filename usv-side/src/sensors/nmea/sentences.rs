@@ -305,6 +305,7 @@ impl NmeaDecoder {
         if is_spare {
             return self.leave_out(address, Why::Spare);
         }
+        variation.into_iter().for_each(|v| self.variation.used(v));
         self.untimed(Untimed::Heading(heading, sd), out);
     }
     pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {

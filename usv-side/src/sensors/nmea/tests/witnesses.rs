@@ -104,7 +104,12 @@ fn variation_of_zero_next_to_another() {
             "magnetic variation: -14.2 deg by GP, -10.0 deg by HC",
         ),
         ("14.0,W", rmc("14.2,W"), 40.2, ""),
-        ("0.0,E", rmc(","), 54.2, ""),
+        (
+            "0.0,E",
+            rmc(","),
+            54.2,
+            "magnetic variation: exactly 0.0 deg by HC, and by no device another",
+        ),
     ] {
         let (d, headings, _) = boat(10, Mount::default(), |_| {
             vec![rmc.clone(), format!("HCHDG,54.2,,,{hdg}")]
