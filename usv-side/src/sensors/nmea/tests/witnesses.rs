@@ -289,3 +289,43 @@ fn instrument_with_a_clock_in_local_time() {
         assert!(remark(&d, "of another clock").text.contains("IIGLL"));
     }
 }
+
+#[test]
+fn receiver_in_gps_time_next_to_one_in_utc() {
+    let (mut d, mut out) = (decoder(Mount::default()), Vec::new());
+    for k in 0..40 {
+        for body in [
+            format!("GPGGA,1200{k:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
+            format!("GPRMC,1200{k:02},A,{PLACE},5.0,0.0,010126,,,A"),
+            format!("GNGGA,1200{:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,", k + 18),
+        ] {
+            d.push(sentence(&body).as_bytes(), &mut out);
+        }
+    }
+    assert!(remark(&d, "of another clock").text.contains("GNGGA"));
+    let ahead = (12 * 3600 + 41) * 1_000_000_000_i64;
+    assert!(out.len() > 30 && out.iter().all(|m| m.at_ns < ahead), "{out:?}");
+}
+
+#[test]
+fn separation_of_the_other_sign_or_in_the_height() {
+    // Near Stockholm, where EGM96 has 23.1 m; 210 m is a lake.
+    for (height, text) in [
+        ("3.0,M,23.1,M", "height above the ellipsoid by the receiver"),
+        (
+            "26.1,M,23.1,M",
+            "states 26.1 m above the sea, and the sea 23.1 m above the ellipsoid",
+        ),
+        (
+            "3.0,M,-23.1,M",
+            "the sea lies -23.1 m above the ellipsoid, by EGM96 it is 23.1 m",
+        ),
+        ("210.0,M,23.1,M", "height above the ellipsoid by the receiver"),
+    ] {
+        let gga = format!("GPGGA,T,5918.0,N,01806.0,E,4,12,0.8,{height},,");
+        let (all, d) = epochs(&[&gga]);
+        let spread = fixes(&all).last().map(|f| f.height_spread);
+        let is_fine = remark(&d, text).remedy.is_none();
+        assert_eq!(spread.map(|s| s == 0.0), Some(is_fine), "{height}: {spread:?}");
+    }
+}
