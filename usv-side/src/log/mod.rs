@@ -16,6 +16,14 @@ use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plau
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
+/// Beginnings of captures of packets: pcap in both byte orders and resolutions, pcapng.
+const CAPTURES: [[u8; 4]; 5] = [
+    [0xd4, 0xc3, 0xb2, 0xa1],
+    [0xa1, 0xb2, 0xc3, 0xd4],
+    [0x4d, 0x3c, 0xb2, 0xa1],
+    [0xa1, 0xb2, 0x3c, 0x4d],
+    [0x0a, 0x0d, 0x0d, 0x0a],
+];
 /// Signatures and formats of recordings that must be converted first.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
@@ -215,6 +223,11 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
     }
     if let Some(message) = table::packed(bytes) {
         return Err(kind(&message));
+    }
+    if CAPTURES.iter().any(|begin| bytes.starts_with(begin)) {
+        return Err(kind(
+            "the file is a capture of packets: write their payload to a file (tshark, tcpflow)",
+        ));
     }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
     if let Some((_, name)) = FOREIGN.iter().find(|(begin, _)| bytes.starts_with(begin)) {
@@ -426,6 +439,15 @@ mod tests {
         let json = "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}\n";
         let e = read(json.repeat(60).as_bytes(), "boat.json", &Mount::default()).unwrap_err();
         assert!(e.to_string().contains("canboat's JSON"), "{e}");
+        let delta = "{\"updates\":[{\"$source\":\"n2k.35\",\"values\":[{\"path\":\"navigation.headingTrue\",\"value\":0.7}]}]}\n";
+        let e = read(delta.repeat(60).as_bytes(), "boat.jsonl", &Mount::default()).unwrap_err();
+        assert!(
+            e.to_string().contains("60 have no time: record the server's"),
+            "{e}"
+        );
+        let capture = [&[0xd4, 0xc3, 0xb2, 0xa1, 2, 0][..], b"$GPHDT,40.0,T*00\r\n"].concat();
+        let e = read(&capture, "boat.pcap", &Mount::default()).unwrap_err();
+        assert!(e.to_string().contains("a capture of packets"), "{e}");
     }
 
     #[test]

@@ -35,6 +35,8 @@ const WANTED: [(u32, f32); 6] = [
     (ESTIMATOR_STATUS, 1_000_000.0),
     (EKF_STATUS_REPORT.0, 1_000_000.0),
 ];
+/// Messages with an attitude or a position that are not read.
+const NOT_READ: [(u32, &str); 2] = [(30, "ATTITUDE"), (33, "GLOBAL_POSITION_INT")];
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
 const ATTITUDE_GOOD: u16 = 1;
@@ -128,8 +130,11 @@ impl MavlinkDecoder {
                 Some(())
             }
             331 => self.odometry(time_us(0), p, out),
-            _ => {
+            id => {
                 self.decoded.ignored += 1;
+                let name = NOT_READ.iter().find(|(known, _)| *known == id);
+                name.into_iter()
+                    .for_each(|(_, name)| self.account.leave_out(name, Why::NotRead));
                 return;
             }
         };
