@@ -46,6 +46,11 @@ impl Datum {
         self.latitude_deg.abs() <= 90.0 && self.longitude_deg.abs() <= 360.0 && self.height_m.abs() <= 1e4
     }
 
+    /// Whether latitude and longitude are exactly zero: a receiver without a fix.
+    pub fn is_nowhere(&self) -> bool {
+        self.latitude_deg == 0.0 && self.longitude_deg == 0.0
+    }
+
     /// Position of `other` in the local frame with this origin, m: north and east in the tangent plane, via
     /// ECEF; down by the heights above the ellipsoid, as autopilots and GNSS receivers define it, without the
     /// tangent plane's fall (2 m at 5 km). Inverse of [`Datum::at`].

@@ -267,6 +267,14 @@ class Refusals(Case):
         self.refused(self.file("boat.csv.gz", b"\x1f\x8b\x08\0rest"), "first gunzip")
         self.refused(self.file("boat.nmea", b"$GPGGA,120000,,,,,0,,,,,,,,*00\r\n"), "alight estimate")
         self.refused(self.file("boat.ubx", b"\xb5\x62\x01\x07\x5c\0"), "a log of UBX", "alight estimate")
+        for text, name in (
+            (b"$IIXDR,A,1.0,D,PTCH,A,2.0,D,ROLL*00\r\n", "NMEA 0183"),
+            (b"(1779278400.000000) can0 0DF11923#00FF7FAA00DC00FF\n", "NMEA 2000"),
+            (b"2026-05-20T12:00:00.000Z,3,127257,35,255,8,00,ff,7f,aa,00,dc,00,ff\n", "NMEA 2000"),
+            (b"12:00:00.000 R 0DF11923 00 FF 7F AA 00 DC 00 FF\r\n", "NMEA 2000"),
+            (b'{"updates":[{"$source":"n2k.35","values":[]}]}\n', "Signal K"),
+        ):
+            self.refused(self.file("boat.log", text), f"a log of {name}", "alight estimate")
         self.refused(self.directory / "missing.csv", "missing.csv", "check the paths")
         path = self.file("own.csv", "t_s,roll_deg,pitch_deg\n0,1,2\n1,1,2\n")
         with contextlib.redirect_stderr(io.StringIO()) as err:

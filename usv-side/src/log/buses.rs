@@ -110,8 +110,13 @@ pub(super) fn read(
         "{} {messages} that are used, {} of other {others}, {} damaged {damaged}",
         count.good, count.ignored, count.corrupted
     );
-    if format == Format::N2k && count.undated > 0 {
-        found += &format!("; {} have no time: record with candump -L", count.undated);
+    if let (Format::N2k | Format::SignalK, 1..) = (format, count.undated) {
+        let remedy = if format == Format::N2k {
+            "record with candump -L"
+        } else {
+            "record the server's timestamps"
+        };
+        found += &format!("; {} have no time: {remedy}", count.undated);
     }
     if format == Format::Mavlink && gather.missing().contains("no roll and pitch") {
         found += "; ATTITUDE is read by `python -m alight.convert FILE`, which writes a CSV";

@@ -205,6 +205,8 @@ struct Reading {
     lost_heaves: u64,
     lost_forces: u64,
     own_velocities: u64,
+    /// Rows at 0 N 0 E.
+    nowhere: u64,
 }
 
 impl Reading {
@@ -237,6 +239,7 @@ impl Reading {
             lost_heaves: 0,
             lost_forces: 0,
             own_velocities: 0,
+            nowhere: 0,
         }
     }
 
@@ -342,6 +345,10 @@ impl Reading {
         if place.is_none() && altitude.is_none() && velocity.is_none() && down.is_none() {
             return None;
         }
+        if place == Some([0.0; 2]) {
+            self.nowhere += 1;
+            return None;
+        }
         self.own_velocities += u64::from(place.is_none() && velocity.is_some());
         // A position is the origin of its own plane; a row without one uses the nearest.
         let near = self.place.at(row.t).or_else(|| self.place.nearest(row.t));
@@ -396,6 +403,12 @@ impl Reading {
                 "heave on {} rows of its own goes with the attitude interpolated at its time; {} without an attitude \
                  near are left out",
                 self.own_heaves, self.lost_heaves
+            ));
+        }
+        if self.nowhere > 0 {
+            notes.push(format!(
+                "{} fixes at 0 N 0 E, as of a receiver without a fix, are left out",
+                self.nowhere
             ));
         }
         if self.own_velocities > 0 && !self.place.t.is_empty() {

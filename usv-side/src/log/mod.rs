@@ -16,6 +16,14 @@ use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plau
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
+/// Beginnings of captures of packets: pcap in both byte orders and resolutions, pcapng.
+const CAPTURES: [[u8; 4]; 5] = [
+    [0xd4, 0xc3, 0xb2, 0xa1],
+    [0xa1, 0xb2, 0xc3, 0xd4],
+    [0x4d, 0x3c, 0xb2, 0xa1],
+    [0xa1, 0xb2, 0x3c, 0x4d],
+    [0x0a, 0x0d, 0x0d, 0x0a],
+];
 /// Signatures and formats of recordings that must be converted first.
 const FOREIGN: [(&[u8], &str); 4] = [
     (b"ULog\x01\x12\x35", "a ULog of PX4"),
@@ -216,6 +224,11 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
     if let Some(message) = table::packed(bytes) {
         return Err(kind(&message));
     }
+    if CAPTURES.iter().any(|begin| bytes.starts_with(begin)) {
+        return Err(kind(
+            "the file is a capture of packets: write their payload to a file (tshark, tcpflow)",
+        ));
+    }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
     if let Some((_, name)) = FOREIGN.iter().find(|(begin, _)| bytes.starts_with(begin)) {
         let message = format!("the file is {name}: {}", table::CONVERT);
@@ -276,6 +289,7 @@ fn has_json(head: &[u8]) -> bool {
 mod tests {
     use super::*;
     use crate::fixtures::{damage, damaged, sentence};
+    use crate::sensors::HeaveSign;
     use proptest::prelude::*;
 
     fn good() -> [Vec<u8>; 2] {
@@ -364,6 +378,8 @@ mod tests {
             let mut p = [0_u8; 92];
             p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
             (p[20], p[21]) = (3, 1);
+            // Longitude and latitude.
+            (p[27], p[31]) = (1, 1);
             let body = [&[1_u8, 7, 92, 0][..], &p].concat();
             let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
                 (a.wrapping_add(*x), b.wrapping_add(a.wrapping_add(*x)))
@@ -423,6 +439,42 @@ mod tests {
         let json = "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}\n";
         let e = read(json.repeat(60).as_bytes(), "boat.json", &Mount::default()).unwrap_err();
         assert!(e.to_string().contains("canboat's JSON"), "{e}");
+        let delta = "{\"updates\":[{\"$source\":\"n2k.35\",\"values\":[{\"path\":\"navigation.headingTrue\",\"value\":0.7}]}]}\n";
+        let e = read(delta.repeat(60).as_bytes(), "boat.jsonl", &Mount::default()).unwrap_err();
+        assert!(
+            e.to_string().contains("60 have no time: record the server's"),
+            "{e}"
+        );
+        let capture = [&[0xd4, 0xc3, 0xb2, 0xa1, 2, 0][..], b"$GPHDT,40.0,T*00\r\n"].concat();
+        let e = read(&capture, "boat.pcap", &Mount::default()).unwrap_err();
+        assert!(e.to_string().contains("a capture of packets"), "{e}");
+    }
+
+    #[test]
+    fn heave_of_sentences_by_its_sign() {
+        let mut text = String::new();
+        for k in 0..600 {
+            let t = 0.2 * f64::from(k);
+            let time = format!("12{:02}{:05.2}", k / 300, t % 60.0);
+            let (heave, roll) = (0.4 * (1.5 * t).sin(), 6.0 * (1.6 * t).sin());
+            text += &sentence(&format!(
+                "GPGGA,{time},5918.00000,N,01806.00000,E,4,12,0.8,{:.2},M,23.1,M,,",
+                2.0 + heave
+            ));
+            text += &sentence(&format!(
+                "PASHR,{time},40.0,T,{roll:.2},{:.2},{heave:.2},0.05,0.05,0.2,2,1",
+                0.3 * roll + (1.9 * t).sin()
+            ));
+        }
+        for (sign, contradicts) in [(HeaveSign::Up, false), (HeaveSign::Down, true)] {
+            let mount = Mount {
+                heave: sign,
+                ..Mount::default()
+            };
+            let notes = read(text.as_bytes(), "boat.nmea", &mount).unwrap().notes;
+            let found = notes.iter().any(|n| n.starts_with("heave has the other sign"));
+            assert_eq!(found, contradicts, "{notes:?}");
+        }
     }
 
     #[test]

@@ -29,6 +29,8 @@ const CAUTION: f64 = 3.0;
 /// Standard deviation of a variation from a model of the Earth's field, rad: 0.4 deg.
 /// Source: WMM2020's error model, at a horizontal field of 20 000 nT.
 const VARIATION_SD: f64 = 0.007;
+/// Maximum heading, rad: a full turn and a resolution. Degrees exceed it.
+const TURN: f64 = core::f64::consts::TAU + 1e-3;
 /// Newest value from a device, and its time, ns.
 pub(super) type LatestValue<T> = Option<(T, i64)>;
 
@@ -161,6 +163,9 @@ impl SensorBus {
         content: Content,
     ) -> Result<Option<Measurement>, Why> {
         let k = content.group();
+        if matches!(content, Content::Heading { heading, .. } if heading.abs() > TURN) {
+            return Err(Why::Range);
+        }
         self.devices.arrive(at_ns);
         self.observe(device, at_ns, &content);
         if self.devices.is_spare(k, device, at_ns) {
@@ -267,6 +272,9 @@ impl SensorBus {
                 magnetic,
             } => {
                 let north = self.north(device, magnetic, variation, deviation)?;
+                if magnetic {
+                    self.variation.used(north - deviation.unwrap_or_default());
+                }
                 return Ok(Some(self.heading(at_ns, heading + north, magnetic)));
             }
             Content::Attitude(tilt) => return Ok(Some(self.attitude(at_ns, tilt))),
@@ -341,6 +349,9 @@ impl SensorBus {
         let datum = Datum { height_m, ..place };
         if !datum.is_on_earth() {
             return Err(Why::Invalid);
+        }
+        if datum.is_nowhere() {
+            return Err(Why::Nowhere);
         }
         let fix = self.mounting.fix(
             datum,

@@ -12,6 +12,10 @@ pub(super) const DOUBTFUL_M: f64 = 25.0;
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
 /// Sea minus ellipsoid above which a stated separation of exactly zero is a default value, m.
 const ZERO_M: f64 = 2.0;
+/// Maximum difference of a separation from the model's with the other sign, m, and minimum size of such a one, m.
+const MIRRORED_M: f64 = 2.0;
+/// Usual height of an antenna above the water, m.
+const USUAL_M: core::ops::Range<f64> = -5.0..15.0;
 /// Difference between separations, m, and number of changes, that show two receivers.
 const APART_M: f64 = 2.0;
 const CHANGES: u32 = 5;
@@ -28,6 +32,8 @@ pub(super) struct EllipsoidHeights {
     model: Undulation,
     /// Newest invalid stated separation, and the model's value at that place, m.
     doubtful: Option<(f64, f64)>,
+    /// Newest height above the sea that is usual above the ellipsoid only, and its separation, m.
+    twice: Option<(f64, f64)>,
     /// Number of separations of exactly zero that were ignored.
     zeros: u64,
     /// Newest stated separation (m), number of changes to a clearly different value, and that value, m.
@@ -58,8 +64,19 @@ impl EllipsoidHeights {
         };
         self.stated += 1;
         let apart = (stated - model.height_m).abs();
-        self.doubtful = (apart > DOUBTFUL_M || is_zero).then_some((stated, model.height_m));
-        (stated, if self.doubtful.is_some() { apart } else { 0.0 })
+        let mirrored = (stated + model.height_m).abs() <= MIRRORED_M && stated.abs() > MIRRORED_M;
+        self.doubtful = (apart > DOUBTFUL_M || is_zero || mirrored).then_some((stated, model.height_m));
+        let is_twice = !USUAL_M.contains(&above_m) && USUAL_M.contains(&(above_m - stated));
+        self.twice = is_twice.then_some((above_m, stated));
+        let doubt_m = if self.doubtful.is_some() { apart } else { 0.0 };
+        (
+            stated,
+            if is_twice {
+                doubt_m.max(stated.abs())
+            } else {
+                doubt_m
+            },
+        )
     }
 
     /// Counts a fix without a height.
@@ -83,6 +100,16 @@ impl EllipsoidHeights {
                     "height: the receiver states that the sea lies {stated:.1} m above the ellipsoid, by EGM96 it is \
                      {model:.1} m: taken as stated, +- {:.0} m",
                     (stated - model).abs()
+                ),
+                "set the receiver to heights above the sea, together with its geoid separation",
+            ));
+        }
+        if let Some((above_m, stated)) = self.twice {
+            return Some(Remark::fault(
+                format!(
+                    "height: the receiver states {above_m:.1} m above the sea, and the sea {stated:.1} m above the \
+                     ellipsoid, which is perhaps in both: taken as stated, +- {:.0} m",
+                    stated.abs()
                 ),
                 "set the receiver to heights above the sea, together with its geoid separation",
             ));

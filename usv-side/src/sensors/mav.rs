@@ -35,6 +35,8 @@ const WANTED: [(u32, f32); 6] = [
     (ESTIMATOR_STATUS, 1_000_000.0),
     (EKF_STATUS_REPORT.0, 1_000_000.0),
 ];
+/// Messages with an attitude or a position that are not read.
+const NOT_READ: [(u32, &str); 2] = [(30, "ATTITUDE"), (33, "GLOBAL_POSITION_INT")];
 const ESTIMATOR_STATUS: u32 = 230;
 /// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
 const ATTITUDE_GOOD: u16 = 1;
@@ -128,8 +130,11 @@ impl MavlinkDecoder {
                 Some(())
             }
             331 => self.odometry(time_us(0), p, out),
-            _ => {
+            id => {
                 self.decoded.ignored += 1;
+                let name = NOT_READ.iter().find(|(known, _)| *known == id);
+                name.into_iter()
+                    .for_each(|(_, name)| self.account.leave_out(name, Why::NotRead));
                 return;
             }
         };
@@ -227,9 +232,11 @@ impl MavlinkDecoder {
             0 => self.mounting.mount.antenna_m.unwrap_or_default(),
             _ => self.mounting.mount.second_antenna_m,
         };
-        if kind >= 2 {
+        let place = Datum::new(latitude_deg, longitude_deg, 0.0);
+        if kind >= 2 && place.is_nowhere() {
+            self.leave_out(at.names[0], Why::Nowhere);
+        } else if kind >= 2 {
             // A height of zero above the ellipsoid means that the autopilot does not provide it.
-            let place = Datum::new(latitude_deg, longitude_deg, 0.0);
             let sea_m = p.i32(16) * 1e-3;
             let stated = Some(p.i32(at.ellipsoid) * 1e-3)
                 .filter(|h| *h != 0.0)

@@ -274,6 +274,13 @@ impl NmeaDecoder {
     fn sentence(&mut self, frame: &NmeaFrame<'_>, out: &mut Vec<SourceMeasurement>) {
         let address = format!("{}{}", frame.talker, frame.sentence_type);
         let fields = &frame.fields;
+        // Ashtech's other messages have a name in place of the time.
+        let named = fields
+            .first()
+            .is_some_and(|f| f.starts_with(|c: char| c.is_ascii_alphabetic()));
+        if frame.sentence_type == "PASHR" && named {
+            return self.pass_over(&foreign::name(&address, fields));
+        }
         if let Err(why) = shape::is_shifted(frame) {
             return self.leave_out(&address, why);
         }

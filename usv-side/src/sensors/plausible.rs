@@ -6,6 +6,7 @@
 
 mod agreement;
 mod antenna;
+mod drift;
 mod heave;
 mod part;
 mod standstill;
@@ -18,6 +19,7 @@ use alight_shared::time::{Span, Time, VesselClock};
 
 use self::agreement::{Agreement, Lengths};
 use self::antenna::Inverted;
+use self::drift::Drift;
 use self::heave::Heave;
 use self::part::{Part, Texts};
 use self::standstill::Contradicted;
@@ -27,6 +29,8 @@ use super::{Measurement, Remark};
 
 /// Maximum roll and pitch of a deck that has not capsized, rad (75 deg).
 const MAX_TILT_RAD: f64 = 1.31;
+/// Time without an impossible tilt after which possible ones are used again, s: half a period of roll.
+const PASSING_S: f64 = 3.0;
 /// Maximum angular rate of a hull about an axis, rad/s: rolling by 45 deg with a period of 1 s peaks at 4.9
 /// rad/s. Degrees mistaken for radians exceed it in most waves.
 const MAX_TURN_RADPS: f64 = 5.0;
@@ -60,6 +64,8 @@ const MIN_POSITION_SD_M: f64 = 0.3;
 const RATE_ERROR_RADPS: f64 = 0.0175;
 /// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
 const VELOCITY_ERROR_MPS: f64 = 0.3;
+/// Maximum distance between two equal places, m: rounding errors.
+const SAME_PLACE_M: f64 = 1e-6;
 /// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate; above one
 /// for a smoothed rate (of turn, or a course), because smoothing removes at most the whole change.
 const EXACT: f64 = 0.5;
@@ -105,6 +111,8 @@ pub(crate) struct Plausibility {
     tilt: ChannelState,
     place: ChannelState,
     heading: ChannelState,
+    /// Heading across or against the course, at present.
+    drift: Option<Drift>,
     force: ChannelState,
     /// Mean specific force, m/s², with the times of start and newest sample.
     mean_force: Option<([f64; 3], Time<VesselClock>, Time<VesselClock>)>,
@@ -124,6 +132,7 @@ impl Default for Plausibility {
             tilt: ChannelState::default(),
             place: ChannelState::default(),
             heading: ChannelState::default(),
+            drift: None,
             force: ChannelState::default(),
             mean_force: None,
         }
@@ -145,7 +154,7 @@ impl Plausibility {
                 [(Part::Force, Some(force)), none, none, none]
             }
             Measurement::Attitude(fix) => {
-                let heave = fix.heave.map(|h| self.heave.take(at, h, fix.heave_sd));
+                let heave = fix.heave.map(|h| self.heave(fix, h, by_others.heave_per_height));
                 let rates = fix.rates.map(|r| self.rates(fix, r));
                 let by_heading = rates.map(|_| Taken {
                     believed: !self.yaw_rate.verdict.is_out(),
@@ -159,6 +168,7 @@ impl Plausibility {
                 ]
             }
             Measurement::Heading(fix) => {
+                self.drift = by_others.drift;
                 let since = self.compare_yaw_rate(fix);
                 retracted.extend(since.map(|since| (Part::YawRate, since)));
                 let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
@@ -184,11 +194,8 @@ impl Plausibility {
         };
         for (part, taken) in parts {
             let Some(mut taken) = taken else { continue };
-            if let Some(standstill) = part
-                .channel()
-                .filter(|_| taken.believed)
-                .and_then(|c| by_others.still(c))
-            {
+            let mut channels = part.channels().iter().filter(|_| taken.believed);
+            if let Some(standstill) = channels.find_map(|c| by_others.still(*c)) {
                 self.verdict(part).reject(at, Doubt::Standstill(standstill, at));
                 taken.believed = false;
                 taken.since = standstill.is_new.then_some(standstill.since);
@@ -203,6 +210,18 @@ impl Plausibility {
         Judged {
             measurement: is_kept.then_some(m),
             retracted,
+        }
+    }
+
+    fn heave(&mut self, fix: &AttitudeFix, heave: f64, per_height: Option<f64>) -> Taken {
+        let taken = self.heave.take(fix.header.at, heave, fix.heave_sd);
+        let doubt = per_height.filter(|_| taken.believed).map(Doubt::OfHeight);
+        if let Some(doubt) = doubt {
+            self.heave.verdict.reject(fix.header.at, doubt);
+        }
+        Taken {
+            believed: taken.believed && doubt.is_none(),
+            ..taken
         }
     }
 
@@ -274,13 +293,13 @@ impl Plausibility {
         let place = (fix.datum, fix.position);
         self.velocity
             .take(fix.header.at, place, rate, |from, to, integral| {
-                // A repeated position does not test the velocity.
-                if from == to {
-                    return None;
-                }
                 let apart = from.0.to::<VesselNed>(&to.0).0;
                 let change = [apart.x + to.1[0] - from.1[0], apart.y + to.1[1] - from.1[1]];
                 let moved = f64::hypot(change[0], change[1]);
+                // A repeated place does not test the velocity, whatever its height.
+                if moved <= SAME_PLACE_M {
+                    return None;
+                }
                 let further = (moved - f64::hypot(integral[0], integral[1])).abs();
                 let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
                 let disagrees = further > noise + EXACT * moved || off > noise + SMOOTHED * moved;
@@ -317,13 +336,14 @@ impl Plausibility {
         let at = fix.header.at;
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
         let doubt = doubt.or(inverted.map(Doubt::Inverted));
-        // Without attitude there is no estimate, so a good value is used at once.
+        // Without attitude there is no estimate, so a good value is used soon; degrees pass for radians in between.
+        let passes = self.tilt.is_out() && self.tilt.was_impossible(at, PASSING_S);
         match doubt {
             Some(doubt) => self.tilt.reject(at, doubt),
             None => self.tilt.judge(at, None),
         };
         Taken {
-            believed: doubt.is_none(),
+            believed: doubt.is_none() && !passes,
             since: None,
         }
     }
@@ -372,7 +392,18 @@ impl Plausibility {
                 false => Remark::fine(text),
             })
         };
-        self.verdicts().into_iter().filter_map(remark).collect()
+        let drift = self.drift.map(|d| {
+            Remark::fault(
+                format!(
+                    "{whose}heading is {:.0} deg from the course over ground, steadily, at {:.1} m/s",
+                    d.angle.to_degrees().abs(),
+                    d.speed_mps
+                ),
+                "if she neither goes astern nor drifts: check sign and mounting of the compass",
+            )
+        });
+        let all = self.verdicts().into_iter().filter_map(remark);
+        all.chain(drift).collect()
     }
 }
 
@@ -386,12 +417,19 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
         Doubt::Mean(x) => format!("has a mean of {}, but must average zero in waves", size(x)),
         Doubt::Disagreement(x) => format!("differs by {} from the change of {}", size(x), t.compared),
         Doubt::Standstill(s, at) => format!(
-            "stands still for {:.0} s at {:.1} {} while the {} moves",
+            "stands still for {:.0} s at {:.1} {}{} while the {} moves",
             (at - s.since).secs(),
             t.factor * s.value,
             t.unit,
+            s.axis,
             s.by
         ),
+        Doubt::OfHeight(ratio) if ratio < 0.0 => {
+            format!(
+                "has the other sign than the height of the fixes, mount.heave ({ratio:.1} m of it a metre)"
+            )
+        }
+        Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the height of the fixes: its unit"),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
         Doubt::Inverted(i) => format!(
             "has the wrong sign of {}, or gnss.antenna_m is wrong: by the fixes the antenna is at {:.1} m above the \

@@ -250,7 +250,8 @@ fn content(packet: &PacketRef<'_>, mounting: &Mounting) -> Option<(u32, Content)
             let kind = p.fix_type();
             let three = matches!(kind, GnssFixType::Fix3D | GnssFixType::GPSPlusDeadReckoning);
             // gnssFixOK, and not invalidLlh.
-            let valid = p.flags_raw() & 1 != 0 && !p.flags3().invalid_llh();
+            let is_nowhere = Datum::new(p.latitude(), p.longitude(), 0.0).is_nowhere();
+            let valid = p.flags_raw() & 1 != 0 && !p.flags3().invalid_llh() && !is_nowhere;
             let fix = (valid && (three || matches!(kind, GnssFixType::Fix2D))).then(|| {
                 let (across, down) = (sd(p.horizontal_accuracy()), sd(p.vertical_accuracy()));
                 let velocity_sd = p.speed_accuracy().clamp(0.02, 100.0);

@@ -11,6 +11,7 @@ Capytaine becomes the table that `alight trial --hull` reads. The libraries that
 from __future__ import annotations
 
 import os
+import re
 from typing import Optional
 
 from .._program import AlightError
@@ -24,10 +25,12 @@ PACKED = (
     (b"\xfd7zXZ\0", "unxz"),
     (b"BZh", "bunzip2"),
 )
-# Magic bytes of formats that the program reads by itself: each format has only one reader.
+# Contents of formats that the program reads by itself: each format has only one reader.
 OWN = (
-    ((b"\xb5\x62",), "UBX"),
-    ((b"$GPGGA,", b"$GNGGA,", b"$PASHR,", b"$PSXN,", b"$IIHDT,", b"$GPHDT,", b"$HEHDT,", b"!PDGY,"), "NMEA 0183"),
+    (rb"\xb5\x62", "UBX"),
+    (rb"\$[A-Z]{4,6},|!PDGY,", "NMEA 0183"),
+    (rb"(?m)^ *\(\d+\.\d+\) +\w*can\d|^[\d:.ZT-]+,[0-7],\d{5,6},\d+,\d+,\d+,|^\d\d:\d\d:\d\d\.\d+ [RT] [0-9A-F]{8} ", "NMEA 2000"),
+    (rb'"updates" *: *\[', "Signal K"),
 )
 HEAD_BYTES = 16 << 10
 
@@ -95,8 +98,8 @@ def _refuse(path: str, head: bytes) -> None:
     for begin, tool in PACKED:
         if head.startswith(begin):
             raise AlightError(f"{path}: the file is packed; first {tool} it", 2)
-    for begins, name in OWN:
-        if any(begin in head for begin in begins):
+    for content, name in OWN:
+        if re.search(content, head):
             raise AlightError(f"{path}: a log of {name}; `alight estimate {path}` reads it as it is, and leaves out what its sender marks", 2)
 
 

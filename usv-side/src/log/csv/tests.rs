@@ -91,6 +91,25 @@ fn bus() -> String {
 }
 
 #[test]
+fn csv_fixes_of_a_receiver_without_a_fix() {
+    let row = |k: u32| {
+        let place = if k < 60 { "0,0" } else { "50,14" };
+        let t = 0.2 * f64::from(k);
+        format!("{t:.1},{:.3},1,{place},3\n", 5.0 * t.sin())
+    };
+    let rows: String = (0..300).map(row).collect();
+    let r = parse(&("t_s,roll_deg,pitch_deg,latitude_deg,longitude_deg,altitude_m\n".to_owned() + &rows))
+        .unwrap();
+    let fixes = r.measurements.iter().filter(|m| m.kind() == 1).count();
+    assert_eq!(fixes, 240);
+    assert!(
+        r.notes.iter().any(|n| n.starts_with("60 fixes at 0 N 0 E")),
+        "{:?}",
+        r.notes
+    );
+}
+
+#[test]
 fn csv_quantities_on_rows_of_their_own() {
     let r = parse(&bus()).unwrap();
     let mut counts = [0; 4];

@@ -388,7 +388,8 @@ impl DeviceGroup {
                 true => d.still.saturating_add(1),
                 false => 0,
             };
-            let compared = of_used.zip(d.window).filter(|(_, w)| w.compared >= ENOUGH);
+            let other = of_used.filter(|(of, _)| *of != d.device);
+            let compared = other.zip(d.window).filter(|(_, w)| w.compared >= ENOUGH);
             let different = compared.and_then(|((of, used), own)| {
                 let n = f64::from(own.compared);
                 let (rms, mean) = ((own.squares / n).sqrt(), own.sums[0].hypot(own.sums[1]) / n);

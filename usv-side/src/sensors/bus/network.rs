@@ -100,34 +100,55 @@ impl Devices {
 
 /// Magnetic variations as stated by devices, rad, east positive.
 #[derive(Clone, Debug, Default)]
-pub(in crate::sensors) struct Variations(Vec<(u32, f64)>);
+pub(in crate::sensors) struct Variations {
+    stated: Vec<(u32, f64)>,
+    /// A heading was referred to true north by a variation of exactly zero.
+    zero_used: bool,
+}
 
 const VARIATION: usize = 5;
 
 impl Variations {
     pub(in crate::sensors) fn state(&mut self, device: u32, variation: f64) {
-        let is_full = self.0.len() >= MAX_STATED;
-        match self.0.iter_mut().find(|(of, _)| *of == device) {
+        let is_full = self.stated.len() >= MAX_STATED;
+        match self.stated.iter_mut().find(|(of, _)| *of == device) {
             Some(known) => known.1 = variation,
             None if is_full => {}
-            None => self.0.push((device, variation)),
+            None => self.stated.push((device, variation)),
         }
+    }
+    /// Records the variation of a heading that is used.
+    pub(in crate::sensors) fn used(&mut self, variation: f64) {
+        self.zero_used |= variation == 0.0;
     }
     /// Variation of the selected device, otherwise of `own`, otherwise of the first device. A variation of exactly
     /// zero means a compass without a table if another device states one.
     pub(in crate::sensors) fn of(&self, own: Option<u32>, devices: &Devices) -> Option<f64> {
         let stated =
-            |is: &dyn Fn(u32, f64) -> bool| self.0.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);
+            |is: &dyn Fn(u32, f64) -> bool| self.stated.iter().find(|(of, v)| is(*of, *v)).map(|(_, v)| *v);
         stated(&|of, _| devices.is_chosen(VARIATION, of))
             .or_else(|| stated(&|of, v| Some(of) == own && v != 0.0))
             .or_else(|| stated(&|_, v| v != 0.0))
             .or_else(|| stated(&|_, _| true))
     }
+    /// Remark on contradicting variations, and on a used one of exactly zero without another.
     pub(in crate::sensors) fn remarks(&self, devices: &Devices) -> Option<Remark> {
         let used = self.of(None, devices)?;
-        let (other, apart) = self.0.iter().find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;
-        let (of, _) = self.0.iter().find(|(_, v)| *v == used)?;
+        let (of, _) = self.stated.iter().find(|(_, v)| *v == used)?;
         let name = |device: u32| devices.names.shown(device);
+        if used == 0.0 && self.zero_used {
+            return Some(Remark::fault(
+                format!(
+                    "magnetic variation: exactly 0.0 deg by {}, and by no device another: a compass without a table?",
+                    name(*of)
+                ),
+                "compare it with the chart; set the variation at the compass or the receiver",
+            ));
+        }
+        let (other, apart) = self
+            .stated
+            .iter()
+            .find(|(_, v)| (v - used).abs() > VARIATIONS_APART)?;
         let is_default = if *apart == 0.0 { ", taken as not set" } else { "" };
         Some(Remark::fault(
             format!(

@@ -233,6 +233,13 @@ fn headings_of_two_devices_that_contradict_each_other() {
 }
 
 #[test]
+fn heading_in_degrees_for_radians() {
+    let mut bus = SensorBus::default();
+    let given = [0.7, 6.25, -3.1, 40.1].map(|rad| bus.take(1, 0, heading(rad)));
+    assert!(matches!(given, [Ok(_), Ok(_), Ok(_), Err(Why::Range)]));
+}
+
+#[test]
 fn receivers_that_contradict_each_other() {
     // 0.001 degrees of latitude are 111 m; 0.0001 degrees are within antenna distance and slow error.
     for (apart, is_finding) in [(1e-3, true), (1e-4, false)] {

@@ -35,6 +35,12 @@ pub(in crate::sensors) enum Why {
     Magnetic,
     /// Number of fields, and number known for the kind.
     Fields(u8, u8),
+    /// A number in place of a letter.
+    Shifted,
+    /// Latitude and longitude of exactly zero.
+    Nowhere,
+    /// Angles in another unit than degrees.
+    Unit,
     Range,
     Length,
     Invalid,
@@ -57,6 +63,9 @@ impl Why {
             Why::Fields(n, known) => {
                 return format!("{n} fields, {known} are known: a decimal comma?").into();
             }
+            Why::Shifted => "a number in place of a letter: a decimal comma?",
+            Why::Nowhere => "at 0 N 0 E, as of a receiver without a fix",
+            Why::Unit => "angles in another unit than degrees (D)",
             Why::NotRead => "an unsupported kind",
             Why::Angles => ANGLES,
             Why::Empty => "empty",
@@ -89,13 +98,18 @@ impl Why {
             Why::Quality(_) => {
                 Some("set the receiver to the qualities of NMEA 0183 (0 to 8), or report this one")
             }
-            Why::Fields(..) => Some("set the program that sends it to decimal points (its locale)"),
+            Why::Unit => Some("set the instrument to degrees"),
+            Why::Fields(..) | Why::Shifted => {
+                Some("set the program that sends it to decimal points (its locale)")
+            }
             Why::Range => Some("set the instrument to headings of 0 to 360 deg"),
             Why::OtherClock => Some("set the clock of that instrument to UTC, or switch its sentence off"),
             Why::Invalid => {
                 Some("the sensor itself marks it as invalid: check its alignment and its antennas")
             }
-            Why::NoFix => Some("the receiver has no fix: check its antenna and its view of the sky"),
+            Why::NoFix | Why::Nowhere => {
+                Some("the receiver has no fix: check its antenna and its view of the sky")
+            }
             Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
             Why::Length => {
                 Some("the receiver is of another generation: switch on other messages that are read, or NMEA")

@@ -6,8 +6,8 @@ use crate::sensors::bus::DeviceSample;
 
 /// Maximum number of talkers distinguished.
 const MAX_TALKERS: usize = 16;
-/// Difference between two clocks, ns, and majority of sentences that changes the clock.
-const OTHER_CLOCK_NS: i64 = 20_000_000_000;
+/// Difference between two clocks, ns (GPS time is 18 s ahead of UTC), and majority of sentences that changes the clock.
+const OTHER_CLOCK_NS: i64 = 10_000_000_000;
 const MAX_OTHERS: u8 = 10;
 
 impl NmeaDecoder {

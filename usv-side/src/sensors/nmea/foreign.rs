@@ -16,12 +16,14 @@ const HEAD: usize = 6;
 const CHECKSUM: usize = 2;
 
 /// Name of a line of another format, and the remedy.
-pub(super) fn line(text: &str) -> Option<(&'static str, Why)> {
+pub(super) fn line(text: &str) -> Option<(&str, Why)> {
     let text = text.trim();
     Some(match text.as_bytes().first()? {
         b':' if TSS1.contains(&text.len()) => ("TSS1", not_read("TSS1")),
-        b'#' if text.starts_with("#UNIHEADINGA,") => ("UNIHEADINGA", not_read("UNIHEADINGA")),
-        b'#' if text.starts_with("#INSPVAXA,") => ("INSPVAXA", not_read("INSPVAXA")),
+        b'#' | b'%' => {
+            let (name, _) = text.get(1..)?.split_once(',').filter(|_| text.contains(';'))?;
+            (name, not_read(name))
+        }
         b'{' if text.contains("\"pgn\"") => ("canboat-JSON", Why::Foreign(JSON)),
         b'{' if text.contains("\"updates\"") => ("Signal-K", Why::Foreign(SIGNAL_K)),
         _ if !text.contains(['$', '!']) && is_line(text) => ("NMEA-2000", Why::Foreign(N2K)),

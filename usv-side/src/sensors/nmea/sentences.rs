@@ -162,6 +162,9 @@ impl NmeaDecoder {
         sd: Result<f64, Why>,
     ) -> Result<(Datum, f64), Why> {
         let (sd, place) = (sd?, place.ok_or(Why::Empty)?);
+        if place.is_nowhere() {
+            return Err(Why::Nowhere);
+        }
         let value = [place.latitude_deg, place.longitude_deg];
         match self.is_used(PLACES, address, (value, sd), false) {
             true => Ok((place, sd)),
@@ -302,6 +305,7 @@ impl NmeaDecoder {
         if is_spare {
             return self.leave_out(address, Why::Spare);
         }
+        variation.into_iter().for_each(|v| self.variation.used(v));
         self.untimed(Untimed::Heading(heading, sd), out);
     }
     pub(super) fn rot(&mut self, address: &str, s: &Rot, out: &mut Vec<SourceMeasurement>) {
@@ -445,7 +449,7 @@ impl NmeaDecoder {
     }
     /// Angles by name, deg: PTCH, PITCH, TRIM (bow up), ROLL, HEEL (starboard down); 1 or 2 sentences.
     pub(super) fn xdr(&mut self, address: &str, s: &Xdr, out: &mut Vec<SourceMeasurement>) {
-        let mut any = false;
+        let (mut any, mut other_unit) = (false, false);
         let device = Some(self.device(address));
         if core::mem::replace(&mut self.half_of, device) != device {
             self.half_tilt = [None; 2];
@@ -461,9 +465,14 @@ impl NmeaDecoder {
                 (false, true) => 1,
                 (true, true) | (false, false) => continue,
             };
-            if let (Some(angle), Some(half)) = (rad(group.value), self.half_tilt.get_mut(which)) {
+            if group.unit.is_some_and(|unit| unit != 'D') {
+                other_unit = true;
+            } else if let (Some(angle), Some(half)) = (rad(group.value), self.half_tilt.get_mut(which)) {
                 (any, *half) = (true, Some(angle));
             }
+        }
+        if other_unit {
+            return self.leave_out(address, Why::Unit);
         }
         match self.half_tilt {
             [Some(roll), Some(pitch)] if any => {

@@ -515,7 +515,9 @@ fn frozen_attitude_next_to_another_sources_heights() {
     for k in 0..600 {
         let t = 0.1 * k as f64;
         let wave = |a: f64, from: f64| a * (1.5 * t.min(from)).sin();
-        let xdr = sentence(&format!("IIXDR,A,1.0,D,PTCH,A,{:.1},D,ROLL", wave(6.0, 20.0)));
+        let pitch = 2.0 * (1.9 * t.min(20.0)).sin();
+        let roll = wave(6.0, 20.0);
+        let xdr = sentence(&format!("IIXDR,A,{pitch:.1},D,PTCH,A,{roll:.1},D,ROLL"));
         let (s, tenth) = (k / 10, k % 10);
         let gga = sentence(&format!(
             "GPGGA,1200{s:02}.{tenth}0,5000.0000,N,01430.0000,E,4,12,0.8,{:.2},M,45.0,M,,",

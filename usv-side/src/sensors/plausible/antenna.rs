@@ -8,7 +8,8 @@
 //! both signs, and then there is no verdict. Pitch moves the antenna backward in the same way.
 //!
 //! Each window of some seconds is fitted with a parabola in time as well, which removes the vessel's course and the
-//! constants of integration.
+//! constants of integration. In the same windows the fixes' height without the lever arm's turn is compared with the
+//! heave: its factor `k` is 1 for a correct heave, and negative for one of the other sign.
 
 use alight_shared::frames::VesselNed;
 use alight_shared::geodesy::Datum;
@@ -16,6 +17,8 @@ use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix};
 use alight_shared::time::{Time, VesselClock};
 use nalgebra::{DMatrix, Rotation2, Vector2};
+
+use super::has_height;
 
 /// Length of a window, s, minimum and maximum number of its fixes.
 const WINDOW_S: f64 = 10.0;
@@ -30,6 +33,11 @@ const MAX_TURN_RAD: f64 = 0.35;
 /// 10^5 cases. A half wave counts as one sample, because the hull's other motion is correlated within it.
 const MIN_RATIO: f64 = 2.0;
 const SURE: f64 = 10.0;
+/// Minimum fraction of the height's variance that the heave explains, limits of the factor of a correct heave, and
+/// maximum standard deviation of a height that receivers do not smooth, m.
+const MIN_EXPLAINED: f64 = 0.5;
+const FACTORS: core::ops::Range<f64> = 0.5..2.0;
+const UNSMOOTHED_SD_M: f64 = 0.1;
 /// Fraction of the sums that is kept from window to window: a memory of a minute.
 const KEPT: f64 = 0.85;
 
@@ -120,6 +128,16 @@ impl Sums {
         let all = edges.into_iter().chain(is_inside.then_some(inside));
         all.map(of).fold(f64::INFINITY, f64::min)
     }
+    /// Metres of heave for each metre of the fixes' height, if they contradict each other.
+    fn heave_per_height(&self, sd_m: f64) -> Option<f64> {
+        let best = (self.yy - self.py * self.py / self.pp).max(1e-6 * self.yy);
+        let right = self.yy - 2.0 * self.py + self.pp;
+        let likelihood = 0.5 * self.half_waves * (right / best).ln();
+        let factor = self.py / self.pp;
+        let is_wrong = factor < 0.0 || sd_m <= UNSMOOTHED_SD_M && !FACTORS.contains(&factor);
+        let is_sure = 1.0 - best / self.yy > MIN_EXPLAINED && likelihood > SURE;
+        (is_wrong && is_sure).then_some(factor.recip())
+    }
     /// Height of the antenna according to its motion alone, m, if an antenna at `height_m` contradicts the angle's sign.
     fn contradiction(&self, height_m: f64) -> Option<f64> {
         let [right, inverted] = [1.0, -1.0].map(|sign| self.residual(height_m, sign).max(0.0));
@@ -151,6 +169,12 @@ pub(super) struct Antenna {
     rows: [Vec<Row>; 2],
     sums: [Sums; 2],
     inverted: Option<Inverted>,
+    /// Newest heave, m down, the fixes' heights with it, and the largest standard deviation of these, m.
+    heave: Option<(Time<VesselClock>, f64)>,
+    heights: Vec<Row>,
+    height_sd_m: f64,
+    height_sums: Sums,
+    heave_per_height: Option<f64>,
 }
 
 impl Antenna {
@@ -158,8 +182,13 @@ impl Antenna {
     pub(super) fn inverted(&self) -> Option<Inverted> {
         self.inverted
     }
+    /// Metres of heave for each metre of the fixes' height, if they contradict each other.
+    pub(super) fn heave_per_height(&self) -> Option<f64> {
+        self.heave_per_height
+    }
     pub(super) fn attitude(&mut self, fix: &AttitudeFix) {
         let at = fix.header.at;
+        self.heave = fix.heave.filter(|h| h.is_finite()).map(|h| (at, h));
         let dt = self.attitude.replace(at).map(|then| (at - then).secs());
         let is_finite = fix.tilt.iter().all(|angle| angle.is_finite());
         match dt.filter(|dt| is_finite && (0.0..=STEP_S).contains(dt)) {
@@ -184,7 +213,9 @@ impl Antenna {
     }
     fn restart(&mut self) {
         self.window = None;
+        self.height_sd_m = 0.0;
         self.rows.iter_mut().for_each(Vec::clear);
+        self.heights.clear();
     }
     /// Adds a fix of receiver `number` with a place.
     pub(super) fn fix(&mut self, number: u8, fix: &GnssFix) {
@@ -225,6 +256,14 @@ impl Antenna {
         for ((rows, angle), y) in self.rows.iter_mut().zip(self.angles).zip([aside.y, -aside.x]) {
             rows.push([t, y, angle.value, angle.double]);
         }
+        if let Some((_, heave)) = self.heave.filter(|_| has_height(fix)) {
+            let [roll, pitch] = self.angles.map(|angle| angle.value);
+            // Heave is down, as the antenna behind a bow that rises, and one to starboard of a roll.
+            let down = window.origin.height_m - fix.datum.height_m + fix.position[2];
+            self.heights
+                .push([t, down + ahead * pitch - right * roll, heave, 0.0]);
+            self.height_sd_m = self.height_sd_m.max(fix.position_sd[2]);
+        }
         if t >= WINDOW_S {
             self.judge(-down);
             self.restart();
@@ -248,6 +287,10 @@ impl Antenna {
             })
         };
         self.inverted = self.sums.iter().zip(["roll", "pitch"]).find_map(found);
+        if self.heights.len() >= MIN_FIXES {
+            self.height_sums.add(&self.heights);
+        }
+        self.heave_per_height = self.height_sums.heave_per_height(self.height_sd_m);
     }
 }
 

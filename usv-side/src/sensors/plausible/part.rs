@@ -79,18 +79,18 @@ impl Part {
     pub(super) const fn is_whole(self) -> bool {
         matches!(self, Part::Tilt | Part::Heading | Part::Force)
     }
-    /// Channel whose standstill applies to this part.
-    pub(super) const fn channel(self) -> Option<Channel> {
-        Some(match self {
-            Part::Heave => Channel::Heave,
-            Part::Rates => Channel::Rates,
-            Part::RateOfTurn => Channel::RateOfTurn,
-            Part::Height => Channel::Height,
-            Part::Place => Channel::Place,
-            Part::Tilt => Channel::Tilt,
-            Part::Heading => Channel::Heading,
-            Part::YawRate | Part::Velocity | Part::Force => return None,
-        })
+    /// Channels whose standstill applies to this part.
+    pub(super) const fn channels(self) -> &'static [Channel] {
+        match self {
+            Part::Heave => &[Channel::Heave],
+            Part::Rates => &[Channel::Rates],
+            Part::RateOfTurn => &[Channel::RateOfTurn],
+            Part::Height => &[Channel::Height],
+            Part::Place => &[Channel::Place],
+            Part::Tilt => &[Channel::Tilt, Channel::Roll, Channel::Pitch],
+            Part::Heading => &[Channel::Heading],
+            Part::YawRate | Part::Velocity | Part::Force => &[],
+        }
     }
     pub(super) fn texts(self) -> Texts {
         let degrees = 1_f64.to_degrees();

@@ -4,8 +4,8 @@
 //! Evidence of motion is a swing of any channel of any sensor: a value that reverses twice by more than its
 //! noise. Waves cause two swings per period, a manoeuvre none. Each swing implies a minimum movement of other
 //! channels. A channel stands still if it does not change during several swings that imply clearly more than
-//! its resolution: the smallest recent change. A channel that never changed is assumed coarse; a heading of
-//! exactly zero from the start is a placeholder, assumed ten times finer.
+//! its resolution: the smallest recent change. A channel that never changed is assumed coarse, but ten times finer if
+//! its number has decimals, or is a heading of exactly zero, which is a placeholder. Roll has the resolution of pitch.
 
 use core::f64::consts::PI;
 
@@ -14,13 +14,16 @@ use alight_shared::geodesy::Datum;
 use alight_shared::time::{Time, VesselClock};
 
 use super::antenna::{Antenna, Inverted};
+use super::drift::{Drift, DriftAngle};
 use super::{has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
-/// Channels that may stand still.
+/// Channels that may stand still: roll and pitch together, or one of them while the other moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Channel {
     Tilt,
+    Roll,
+    Pitch,
     Heading,
     Heave,
     Height,
@@ -28,7 +31,7 @@ pub(super) enum Channel {
     Rates,
     RateOfTurn,
 }
-const CHANNELS: usize = 7;
+const CHANNELS: usize = 9;
 
 /// Minimum time, equal values and swings of a standstill; repetitions of a 1 Hz sensor are shorter.
 const STILL_S: f64 = 4.0;
@@ -36,12 +39,27 @@ const STILL_VALUES: u32 = 5;
 const STILL_SWINGS: u32 = 3;
 /// Minimum movement implied by a swing, in resolutions of the channel.
 const CLEARLY: f64 = 2.0;
-/// Resolution of a channel that never changed: 1 deg, 1 deg, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s; the
+const DEGREE: f64 = PI / 180.0;
+/// Resolution of a channel that never changed: 1 deg of an angle, 0.1 m, 1 m, (unused), 1 deg/s, 0.2 deg/s; the
 /// finest considered is a tenth.
-const COARSE: [f64; CHANNELS] = [0.0175, 0.0175, 0.1, 1.0, 1.0, 0.0175, 0.0035];
+const COARSE: [f64; CHANNELS] = [
+    DEGREE,
+    DEGREE,
+    DEGREE,
+    DEGREE,
+    0.1,
+    1.0,
+    1.0,
+    DEGREE,
+    0.2 * DEGREE,
+];
 const FINE: f64 = 0.1;
-/// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations.
+/// Distance from a multiple of the coarse resolution, in it, that shows decimals; sentences have single precision.
+const DECIMALS: f64 = 1e-3;
+/// Maximum difference between numbers that count as equal (rad, m, deg of a position): rounding errors of rotations,
+/// and of a height the geoid's slope along the way between two fixes.
 const SAME: f64 = 1e-9;
+const SAME_HEIGHT_M: f64 = 1e-3;
 /// Factor on the smallest change at each later change, because old changes may be from another setting.
 const FORGETTING: f64 = 1.005;
 /// Minimum distance travelled according to the fix's velocity over which an unchanged position stands still,
@@ -73,31 +91,61 @@ const OF_TILT: f64 = 0.5;
 const TILT_OF_YAW: f64 = 0.1;
 const YAW_OF_TILT: f64 = 0.05;
 const HEAVE_OF_TILT: f64 = 0.1;
+const ROLL_OF_PITCH: f64 = 0.1;
 /// Maximum wave slope, rad; a witness that implies more is noise.
 const MAX_SLOPE: f64 = 0.4;
 /// Maximum half period of roll, s; a slower one is heel in a turn.
 const MAX_ROLL_S: f64 = 4.0;
 const G: f64 = 9.81;
 
-/// Channel that stands still: start, first number (SI), and the witness that moves.
+/// Channel that stands still: start, number (SI) and its axis if only that stands still, and the witness that moves.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Standstill {
     pub(super) since: Time<VesselClock>,
     pub(super) value: f64,
+    pub(super) axis: &'static str,
     pub(super) by: &'static str,
     pub(super) is_new: bool,
 }
 
-/// Contradictions with the boat's other sensors: channels that stand still, and a sign of the attitude.
+/// Contradictions with the boat's other sensors: channels that stand still, a sign of the attitude, metres of heave
+/// for each metre of height, and a heading across or against the course.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Contradicted {
     still: [Option<Standstill>; CHANNELS],
     pub(super) inverted: Option<Inverted>,
+    pub(super) heave_per_height: Option<f64>,
+    pub(super) drift: Option<Drift>,
 }
 
 impl Contradicted {
     pub(super) fn still(&self, channel: Channel) -> Option<Standstill> {
-        self.still.get(channel as usize).copied().flatten()
+        let axis = match channel {
+            Channel::Roll => " of roll",
+            Channel::Pitch => " of pitch",
+            Channel::Tilt
+            | Channel::Heading
+            | Channel::Heave
+            | Channel::Height
+            | Channel::Place
+            | Channel::Rates
+            | Channel::RateOfTurn => "",
+        };
+        let still = self.still.get(channel as usize).copied().flatten();
+        still.map(|still| Standstill { axis, ..still })
+    }
+    /// A place that is repeated with a height that stands still is of the same old fix, and a height with a place.
+    fn repeat_fix(&mut self, at: Time<VesselClock>, sensor: Option<&mut Sensor>) {
+        let (standing, repeated) = match [Channel::Height, Channel::Place].map(|c| self.still(c)) {
+            [Some(height), None] => (height, Channel::Place as usize),
+            [None, Some(place)] => (place, Channel::Height as usize),
+            [Some(_), Some(_)] | [None, None] => return,
+        };
+        let channel = sensor.and_then(|s| s.channels.get_mut(repeated)?.as_mut());
+        let channel = channel.filter(|c| c.newest == at && c.lasts());
+        if let Some((channel, still)) = channel.zip(self.still.get_mut(repeated)) {
+            *still = Some(channel.standing(standing.by));
+        }
     }
 }
 
@@ -130,23 +178,28 @@ impl Repetition {
             is_named: false,
         }
     }
-    fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
+    fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64, same: f64) {
         let changes = self.numbers.iter().zip(numbers).map(|(a, b)| (a - b).abs());
         let change = changes.fold(0.0, f64::max);
-        if change <= SAME && at >= self.newest {
+        if change <= same && at >= self.newest {
             self.way_m += speed_mps * (at - self.newest).secs().min(1.0);
             (self.newest, self.count) = (at, self.count.saturating_add(1));
+            self.numbers = numbers;
             return;
         }
         let step = self.step.map_or(change, |step| change.min(FORGETTING * step));
         *self = Repetition::new(at, numbers, Some(step));
     }
-    fn resolution(&self, channel: usize) -> f64 {
+    /// Resolution, with the smallest change of a related channel if this one never changed.
+    fn resolution(&self, channel: usize, related: Option<f64>) -> f64 {
         let coarse = COARSE.get(channel).copied().unwrap_or(f64::INFINITY);
+        let steps = self.numbers[0] / coarse;
+        let has_decimals = (steps - steps.round()).abs() > DECIMALS;
+        let is_read = [Channel::Heading as usize, Channel::Height as usize].contains(&channel);
         let is_zero = channel == Channel::Heading as usize && self.numbers.iter().all(|x| *x == 0.0);
-        match self.step {
+        match self.step.or(related) {
             Some(step) => step.max(FINE * coarse),
-            None if is_zero => FINE * coarse,
+            None if is_zero || is_read && has_decimals => FINE * coarse,
             None => coarse,
         }
     }
@@ -156,13 +209,19 @@ impl Repetition {
             false if self.swings >= STILL_SWINGS => self.by,
             false => return None,
         };
-        let lasts = self.count >= STILL_VALUES && (self.newest - self.since).secs() >= STILL_S;
-        lasts.then(|| Standstill {
+        self.lasts().then(|| self.standing(by))
+    }
+    fn lasts(&self) -> bool {
+        self.count >= STILL_VALUES && (self.newest - self.since).secs() >= STILL_S
+    }
+    fn standing(&mut self, by: &'static str) -> Standstill {
+        Standstill {
             since: self.since,
             value: self.numbers[0],
+            axis: "",
             by,
             is_new: !core::mem::replace(&mut self.is_named, true),
-        })
+        }
     }
 }
 
@@ -223,7 +282,7 @@ impl Swing {
     fn implied(&self, witness: usize) -> [f64; CHANNELS] {
         let (a, w) = (self.amplitude, PI / self.half_s);
         let slope = a * w * w / G;
-        let of_roll = if self.half_s < MAX_ROLL_S {
+        let heave = if self.half_s < MAX_ROLL_S {
             HEAVE_OF_TILT * a * G / (w * w)
         } else {
             0.0
@@ -232,9 +291,17 @@ impl Swing {
             2 => [TILT_OF_YAW * a, 0.0, OF_TILT * a],
             3 | 4 if slope > MAX_SLOPE => [0.0; 3],
             3 | 4 => [OF_SLOPE * slope, a, YAW_OF_TILT * OF_SLOPE * slope],
-            _ => [OF_TILT * a, of_roll, YAW_OF_TILT * a],
+            _ => [OF_TILT * a, heave, YAW_OF_TILT * a],
         };
-        [tilt, yaw, vertical, vertical, 0.0, tilt * w, yaw * w]
+        let [of_roll, of_pitch] = match witness {
+            0 => [0.0, ROLL_OF_PITCH * a],
+            1 => [ROLL_OF_PITCH * a, 0.0],
+            _ => [0.0; 2],
+        };
+        let rates = [tilt * w, yaw * w];
+        [
+            tilt, of_roll, of_pitch, yaw, vertical, vertical, 0.0, rates[0], rates[1],
+        ]
     }
 }
 
@@ -249,6 +316,8 @@ struct Sensor {
     rated: Option<Time<VesselClock>>,
     /// Antenna's motion compared with the attitudes of this sensor.
     antenna: Antenna,
+    /// Heading of this sensor compared with the course.
+    drift: DriftAngle,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -271,14 +340,18 @@ impl Movement {
             Measurement::Attitude(attitude) => sensor.antenna.attitude(attitude),
             Measurement::Imu(_) => {}
             Measurement::Heading(heading) => {
+                sensor.drift.heading(heading);
                 let all = self.sensors.iter_mut();
                 all.for_each(|s| s.antenna.heading(number, heading));
             }
-            Measurement::Gnss(fix) if has_place(fix) => {
-                let all = self.sensors.iter_mut();
-                all.for_each(|s| s.antenna.fix(number, fix));
+            Measurement::Gnss(fix) => {
+                for s in &mut self.sensors {
+                    s.drift.fix(fix);
+                    if has_place(fix) {
+                        s.antenna.fix(number, fix);
+                    }
+                }
             }
-            Measurement::Gnss(_) => {}
         }
         for (witness, mut swing) in swings.into_iter().flatten() {
             // A quantised value that barely crosses a step changes by the whole step.
@@ -286,17 +359,27 @@ impl Movement {
             swing.amplitude = (swing.amplitude - 0.5 * step).max(0.0);
             let (implied, name) = (swing.implied(witness), WITNESSES.get(witness).map_or("", |w| w.0));
             for s in &mut self.sensors {
+                let [roll, pitch] =
+                    [Channel::Roll, Channel::Pitch].map(|c| s.channels.get(c as usize)?.as_ref()?.step);
                 for (k, (channel, smallest)) in s.channels.iter_mut().zip(implied).enumerate() {
                     let Some(channel) = channel else { continue };
-                    let shows = smallest > CLEARLY * channel.resolution(k);
+                    let related = match k {
+                        _ if k == Channel::Roll as usize => pitch,
+                        _ if k == Channel::Pitch as usize => roll,
+                        _ => None,
+                    };
+                    let shows = smallest > CLEARLY * channel.resolution(k, related);
                     if shows && swing.begun >= channel.since {
                         (channel.swings, channel.by) = (channel.swings.saturating_add(1), name);
                     }
                 }
             }
         }
+        let own = self.sensors.get(k);
         let mut contradicted = Contradicted {
-            inverted: self.sensors.get(k).and_then(|s| s.antenna.inverted()),
+            inverted: own.and_then(|s| s.antenna.inverted()),
+            heave_per_height: own.and_then(|s| s.antenna.heave_per_height()),
+            drift: own.and_then(|s| s.drift.found()),
             ..Contradicted::default()
         };
         let channels = self.sensors.get_mut(k).map(|s| s.channels.iter_mut());
@@ -304,6 +387,7 @@ impl Movement {
             let own = channel.as_mut().filter(|c| c.newest == m.at());
             *to = own.and_then(Repetition::still);
         }
+        contradicted.repeat_fix(m.at(), self.sensors.get_mut(k));
         contradicted
     }
 }
@@ -317,9 +401,20 @@ impl Sensor {
             .unwrap_or_default()
     }
     fn channel(&mut self, channel: Channel, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
+        let same = match channel {
+            Channel::Height => SAME_HEIGHT_M,
+            Channel::Tilt
+            | Channel::Roll
+            | Channel::Pitch
+            | Channel::Heading
+            | Channel::Heave
+            | Channel::Place
+            | Channel::Rates
+            | Channel::RateOfTurn => SAME,
+        };
         if let Some(slot) = self.channels.get_mut(channel as usize) {
             match slot {
-                Some(known) => known.take(at, numbers, speed_mps),
+                Some(known) => known.take(at, numbers, speed_mps, same),
                 None => *slot = Some(Repetition::new(at, numbers, None)),
             }
         }
@@ -353,6 +448,8 @@ impl Sensor {
             Measurement::Attitude(m) => {
                 let [roll, pitch] = m.tilt;
                 self.channel(Channel::Tilt, at, [roll, pitch, 0.0, 0.0], 0.0);
+                self.channel(Channel::Roll, at, [roll, 0.0, 0.0, 0.0], 0.0);
+                self.channel(Channel::Pitch, at, [pitch, 0.0, 0.0, 0.0], 0.0);
                 (found[0], found[1]) = (Some((0, roll)), Some((1, pitch)));
                 if let Some(heave) = m.heave {
                     self.channel(Channel::Heave, at, [heave, 0.0, 0.0, 0.0], 0.0);

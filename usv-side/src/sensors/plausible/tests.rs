@@ -233,7 +233,20 @@ fn velocity_that_is_not_that_of_the_position() {
     let all = fixes(&kept);
     assert!(all.len() == 2000 && all.iter().all(has_velocity) && !all.iter().any(has_place));
     assert!(
-        remarks.len() == 1 && remarks[0].text.starts_with("place stands still for"),
+        all.iter().skip(100).all(|g| !has_height(g)),
+        "it repeats the whole fix"
+    );
+    assert!(
+        remarks.len() == 2 && remarks[0].text.starts_with("place stands still for"),
+        "{remarks:?}"
+    );
+    // Its height may move.
+    let (kept, remarks) = sift(series(200, |t| GnssFix {
+        position: [0.0, 0.0, 0.3 * wave(t, 4.0)],
+        ..sailing(t, north, 2.0)
+    }));
+    assert!(
+        fixes(&kept).iter().all(has_velocity) && remarks.len() == 1,
         "{remarks:?}"
     );
     let jumps = |t: f64| GnssFix {
@@ -283,19 +296,27 @@ fn attitude_beyond_its_bound_and_at_a_standstill() {
             } else {
                 0.1 * wave(t, 4.0)
             },
-            0.0,
+            0.03 * wave(t, 3.3),
         ],
         rates: None,
         ..rocking(t)
     };
     let (kept, remarks) = sift(series(100, capsized));
-    assert_eq!((kept.len(), remarks.len()), (900, 1), "{remarks:?}");
+    assert_eq!((kept.len(), remarks.len()), (871, 1), "{remarks:?}");
     assert!(
         remarks[0]
             .text
             .starts_with("attitude is beyond what is possible (85.9 deg)"),
         "{remarks:?}"
     );
+    // Degrees taken for radians pass through possible values.
+    let degrees = |t: f64| AttitudeFix {
+        tilt: rocking(t).tilt.map(f64::to_degrees),
+        rates: None,
+        ..rocking(t)
+    };
+    let kept = sift(series(100, degrees)).0;
+    assert!(kept.iter().all(|m| m.at().secs() < 10.0), "{}", kept.len());
     let standing = |t: f64| AttitudeFix {
         tilt: [0.02, 0.01],
         rates: None,
@@ -366,6 +387,79 @@ fn roll_against_the_antenna_s_motion() {
             remarks[0].text.contains("has the wrong sign of roll"),
             "{remarks:?}"
         );
+    }
+}
+
+/// Attitude, heading and RTK fix of a boat at 2 m/s, with a heave `factor` times the height's and an antenna ahead.
+fn heaving(factor: f64, heading: f64, sd_m: f64) -> Vec<Measurement> {
+    let at = |t: f64| {
+        let attitude = AttitudeFix {
+            rates: None,
+            heave: Some(-factor * 0.4 * wave(t, 4.2)),
+            ..rocking(t)
+        };
+        let compass = HeadingFix {
+            header: header(t),
+            heading: heading + 0.02 * wave(t, 9.0),
+            ..HeadingFix::default()
+        };
+        let [roll, pitch] = attitude.tilt;
+        let noise = sd_m * wave(t, 0.37);
+        let fix = GnssFix {
+            header: header(t),
+            position: [
+                2.0 * t - 4.0 * pitch,
+                4.0 * roll,
+                -0.4 * wave(t, 4.2) - 5.0 * pitch + noise,
+            ],
+            position_sd: [0.02, 0.02, sd_m],
+            velocity: [2.0, 0.0, 0.0],
+            velocity_sd: [0.1, 0.1, NOT_MEASURED_SD],
+            lever_arm: Some([5.0, 0.0, -4.0]),
+            ..GnssFix::default()
+        };
+        [Measurement::Attitude(attitude), compass.into(), fix.into()]
+    };
+    (0..1800).flat_map(|k| at(0.1 * f64::from(k))).collect()
+}
+
+#[test]
+fn heave_against_the_height_of_the_fixes() {
+    for (factor, sd_m) in [(1.0, 0.02), (0.8, 0.02), (1.0, 0.3), (3.3, 0.3)] {
+        is_inert(&heaving(factor, 0.0, sd_m), "heave of the right sign");
+    }
+    for (factor, sd_m, text) in [
+        (
+            -1.0,
+            0.02,
+            "heave has the other sign than the height of the fixes, mount.heave (-1.0 m",
+        ),
+        (-1.0, 0.3, "heave has the other sign than the height"),
+        (3.3, 0.02, "heave is 3.3 times the height of the fixes: its unit"),
+    ] {
+        let (kept, remarks) = sift(heaving(factor, 0.0, sd_m));
+        let last = attitudes(&kept).into_iter().rfind(|a| a.heave.is_some());
+        assert!(
+            last.is_none_or(|a| a.header.at.secs() < 60.0),
+            "{factor}: {last:?}"
+        );
+        assert!(
+            remarks.len() == 1 && remarks[0].text.starts_with(text),
+            "{remarks:?}"
+        );
+    }
+}
+
+#[test]
+fn heading_across_or_against_the_course() {
+    for (heading, angle) in [(1.4, "80 deg"), (core::f64::consts::PI, "180 deg")] {
+        let all: Vec<Measurement> = heaving(1.0, heading, 0.02);
+        let is_heading = |m: &&Measurement| m.kind() != ATTITUDE;
+        let all: Vec<Measurement> = all.iter().filter(is_heading).copied().collect();
+        let (kept, remarks) = sift(all.clone());
+        assert!(kept == all && remarks.len() == 1, "{remarks:?}");
+        let text = format!("heading is {angle} from the course over ground, steadily, at 2.0 m/s");
+        assert_eq!(remarks[0].text, text);
     }
 }
 

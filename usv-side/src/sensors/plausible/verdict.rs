@@ -29,6 +29,8 @@ pub(super) enum Doubt {
     Axes(f64),
     /// The antenna moves against this sign of roll or pitch.
     Inverted(Inverted),
+    /// Metres of heave for each metre of the fixes' height.
+    OfHeight(f64),
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -79,6 +81,11 @@ impl ChannelState {
             None => self.out &= is_recent(self.newest, at),
         }
         self.out && !was_out
+    }
+    /// Whether a value was impossible within the last seconds.
+    pub(super) fn was_impossible(&self, at: Time<VesselClock>, within_s: f64) -> bool {
+        self.newest
+            .is_some_and(|then| (at - then).abs().secs() < within_s)
     }
     pub(super) fn count(&mut self, believed: bool) {
         self.taken += 1;

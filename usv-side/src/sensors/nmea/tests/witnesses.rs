@@ -104,7 +104,12 @@ fn variation_of_zero_next_to_another() {
             "magnetic variation: -14.2 deg by GP, -10.0 deg by HC",
         ),
         ("14.0,W", rmc("14.2,W"), 40.2, ""),
-        ("0.0,E", rmc(","), 54.2, ""),
+        (
+            "0.0,E",
+            rmc(","),
+            54.2,
+            "magnetic variation: exactly 0.0 deg by HC, and by no device another",
+        ),
     ] {
         let (d, headings, _) = boat(10, Mount::default(), |_| {
             vec![rmc.clone(), format!("HCHDG,54.2,,,{hdg}")]
@@ -164,6 +169,36 @@ fn decimal_commas_negative_headings_and_qualities() {
             "10 KSXT (attitude or heading",
         ),
         ("PHTRO,1.20,M,5.50,T", "10 PHTRO (attitude or heading"),
+        (
+            "PASHR,ATT,216000.0,42.9,1.2,5.5,0.001,0.002,0",
+            "10 PASHR-ATT (attitude or heading",
+        ),
+        (
+            "PASHR,POS,3,10,120000.00,5000.0,N,01430.0,E,3.0,5.0,40.0,2.0,0.0,1.0,0.8,0.6,0.5,HA00",
+            "10 PASHR-POS (an unsupported kind)",
+        ),
+        ("PTNTHPR,42,9,N,1,2,N,5,5,N", "10 PTNTHPR (9 fields, 6 are known"),
+        (
+            "PTNL,AVR,T,42,90,Yaw,1,20,Tilt,,,1,2,3,1,1,12",
+            "10 PTNL (16 fields, 12 are known",
+        ),
+        // Coordinates with points, empty fields at the end.
+        (
+            "GPGGA,T,5000.0,N,01430.0,E,4,14,0,7,2,M,39,M,,",
+            "10 GPGGA (a number in place of a letter",
+        ),
+        (
+            "GNGNS,T,5000.0,N,01430.0,E,RR,14,0,7,2,00,39,4,,",
+            "10 GNGNS (a number in place of a letter",
+        ),
+        (
+            "IIXDR,A,-0.02,R,PTCH,A,0.1,R,ROLL",
+            "10 IIXDR (angles in another unit than degrees (D))",
+        ),
+        (
+            "GPGGA,T,0000.0,N,00000.0,E,1,12,0.8,0.0,M,0.0,M,,",
+            "10 GPGGA (at 0 N 0 E",
+        ),
     ] {
         let (all, d) = epochs(&[zda, body]);
         assert!(all.is_empty(), "{body}: {all:?}");
@@ -187,6 +222,8 @@ fn other_formats_among_sentences() {
     let lines = [
         ":050000 0000F-0123 0045",
         "#UNIHEADINGA,97,GPS,FINE,2190,375570000,0,0,18,12;SOL_COMPUTED,NARROW_INT,0.3718*f1bb3e1f",
+        "#HEADINGA,COM1,0,60.0,FINESTEERING,1709,313811.000,02000008,0000,9423;SOL_COMPUTED,NARROW_INT*0b0a1d2e",
+        "%BESTPOSA,1709,313811.000;SOL_COMPUTED,NARROW_INT*0b0a1d2e",
         "{\"timestamp\":\"2026-01-01T12:00:00Z\",\"prio\":3,\"src\":35,\"dst\":255,\"pgn\":127257,\"fields\":{}}",
         " (1436509052.250000)  can0  09F80115   [8]  A0 7D E6 18 C0 05 FB D5",
     ];
@@ -204,6 +241,8 @@ fn other_formats_among_sentences() {
     for name in [
         "5 TSS1",
         "5 UNIHEADINGA",
+        "5 HEADINGA",
+        "5 BESTPOSA",
         "5 canboat-JSON",
         "5 NMEA-2000",
         "5 UBX",
@@ -215,10 +254,10 @@ fn other_formats_among_sentences() {
             d.remarks()
         );
     }
-    assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 30));
+    assert_eq!((d.decoded().corrupted, d.decoded().ignored), (0, 40));
     // A sender of these sentences is admitted, to be reported; a wind sensor is not.
     let speaks = crate::sensors::Format::Nmea.speaks();
-    assert!(speaks(format!("{}\r\n", lines[3]).as_bytes()));
+    assert!(speaks(format!("{}\r\n", lines[5]).as_bytes()));
     assert!(speaks(&[0xb5, 0x62, 1, 7, 0, 0, 8, 25]) && !speaks(sentence("WIMWV,40.0,R,8.0,N,A").as_bytes()));
 }
 
@@ -248,5 +287,45 @@ fn instrument_with_a_clock_in_local_time() {
             out.len()
         );
         assert!(remark(&d, "of another clock").text.contains("IIGLL"));
+    }
+}
+
+#[test]
+fn receiver_in_gps_time_next_to_one_in_utc() {
+    let (mut d, mut out) = (decoder(Mount::default()), Vec::new());
+    for k in 0..40 {
+        for body in [
+            format!("GPGGA,1200{k:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,"),
+            format!("GPRMC,1200{k:02},A,{PLACE},5.0,0.0,010126,,,A"),
+            format!("GNGGA,1200{:02},{PLACE},1,12,0.8,3.0,M,45.0,M,,", k + 18),
+        ] {
+            d.push(sentence(&body).as_bytes(), &mut out);
+        }
+    }
+    assert!(remark(&d, "of another clock").text.contains("GNGGA"));
+    let ahead = (12 * 3600 + 41) * 1_000_000_000_i64;
+    assert!(out.len() > 30 && out.iter().all(|m| m.at_ns < ahead), "{out:?}");
+}
+
+#[test]
+fn separation_of_the_other_sign_or_in_the_height() {
+    // Near Stockholm, where EGM96 has 23.1 m; 210 m is a lake.
+    for (height, text) in [
+        ("3.0,M,23.1,M", "height above the ellipsoid by the receiver"),
+        (
+            "26.1,M,23.1,M",
+            "states 26.1 m above the sea, and the sea 23.1 m above the ellipsoid",
+        ),
+        (
+            "3.0,M,-23.1,M",
+            "the sea lies -23.1 m above the ellipsoid, by EGM96 it is 23.1 m",
+        ),
+        ("210.0,M,23.1,M", "height above the ellipsoid by the receiver"),
+    ] {
+        let gga = format!("GPGGA,T,5918.0,N,01806.0,E,4,12,0.8,{height},,");
+        let (all, d) = epochs(&[&gga]);
+        let spread = fixes(&all).last().map(|f| f.height_spread);
+        let is_fine = remark(&d, text).remedy.is_none();
+        assert_eq!(spread.map(|s| s == 0.0), Some(is_fine), "{height}: {spread:?}");
     }
 }

@@ -38,7 +38,10 @@ impl Boat {
         let slope = self.amplitude_m * w * w / G;
         let wave = |a: f64, phase: f64, t: f64| a * (w * t + phase).sin();
         let [angle, length] = self.steps;
-        let tilt = [0.0, 0.9].map(|phase| rounded(wave(slope, phase, of(Channel::Tilt)), angle));
+        let tilt = [(0.0, Channel::Roll), (0.9, Channel::Pitch)].map(|(phase, axis)| {
+            let t = of(Channel::Tilt).min(of(axis));
+            rounded(wave(slope, phase, t), angle)
+        });
         let rate = wave(slope * w, 1.57, of(Channel::Rates));
         let heave = rounded(wave(self.amplitude_m, 1.0, of(Channel::Heave)), length);
         let attitude = AttitudeFix {
@@ -88,6 +91,8 @@ impl Boat {
 
 const EACH: [Channel; CHANNELS] = [
     Channel::Tilt,
+    Channel::Roll,
+    Channel::Pitch,
     Channel::Heading,
     Channel::Heave,
     Channel::Height,
@@ -128,6 +133,57 @@ fn zeros_of_an_instrument_that_was_never_configured() {
         found.extend(still.filter(|s| s.is_new).map(|s| (t, s.value)));
     }
     assert!(matches!(found[..], [(t, v)] if t < 14.0 && v == 0.0), "{found:?}");
+}
+
+#[test]
+fn numbers_that_never_changed_since_the_start() {
+    // Roll next to a moving pitch, a heading and a height with decimals, the same in whole units, and a repeated fix.
+    for (roll, heading_deg, height_m, place_m, found) in [
+        (0.0, 40.0, 25.0, 2.0, vec![Channel::Roll]),
+        (0.021, 359.9, 25.0, 2.0, vec![Channel::Roll, Channel::Heading]),
+        (0.0, 40.0, 25.4, 2.0, vec![Channel::Roll, Channel::Height]),
+        (
+            0.0,
+            40.0,
+            25.4,
+            0.0,
+            vec![Channel::Roll, Channel::Height, Channel::Place],
+        ),
+    ] {
+        let (mut boat, mut all) = (Movement::default(), Vec::new());
+        for k in 0..300 {
+            let t = 0.1 * f64::from(k);
+            let [attitude, ..] = Boat::RTK.at(t);
+            let Measurement::Attitude(a) = attitude else {
+                panic!()
+            };
+            let attitude = AttitudeFix {
+                tilt: [roll, a.tilt[1]],
+                ..a
+            };
+            let heading = HeadingFix {
+                header: header(t),
+                heading: f64::from(heading_deg as f32).to_radians(),
+                ..HeadingFix::default()
+            };
+            let fix = GnssFix {
+                header: header(t),
+                // The geoid's slope moves the height.
+                datum: Datum::new(59.5, 10.6, height_m + 1e-5 * t),
+                position: [place_m * t, 0.0, 0.0],
+                velocity_sd: [NOT_MEASURED_SD; 3],
+                ..GnssFix::default()
+            };
+            let all_kinds: [Measurement; 3] = [attitude.into(), heading.into(), fix.into()];
+            for m in all_kinds {
+                let still = boat.take(m.kind() as u8, &m);
+                let new = EACH.iter().filter(|c| still.still(**c).is_some_and(|s| s.is_new));
+                all.extend(new.copied());
+            }
+        }
+        all.sort_by_key(|c| *c as usize);
+        assert_eq!(all, found, "{heading_deg} {height_m}");
+    }
 }
 
 #[test]
