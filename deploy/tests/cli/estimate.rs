@@ -68,7 +68,8 @@ fn estimate_of_an_nmea_log() {
 fn estimate_and_calibration_of_a_table() {
     let rows = (0..900).map(|k| {
         let t = 0.1 * f64::from(k);
-        let cells = [t, 5.0 * (1.2 * t).sin(), 1.5, 0.4 * (1.2 * t).cos()];
+        let wave = 1.2 * t;
+        let cells = [t, 5.0 * wave.sin(), 1.5 + 0.5 * wave.cos(), 0.4 * wave.cos()];
         cells.map(|cell| format!("\"{cell:.4}\"")).join(",") + "\n"
     });
     let text = "t_s,roll_deg,pitch_deg,heave_m\n".to_owned() + &rows.collect::<String>();
