@@ -407,7 +407,7 @@ impl Reading {
         }
         if self.nowhere > 0 {
             notes.push(format!(
-                "{} fixes at 0 N 0 E, as of a receiver without a fix, are left out",
+                "{} fixes at 0 N 0 E (a receiver without a fix) are left out",
                 self.nowhere
             ));
         }

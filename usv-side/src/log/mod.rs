@@ -226,7 +226,7 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
     }
     if CAPTURES.iter().any(|begin| bytes.starts_with(begin)) {
         return Err(kind(
-            "the file is a capture of packets: write their payload to a file (tshark, tcpflow)",
+            "the file is a packet capture: extract the payload into a file (tshark, tcpflow)",
         ));
     }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
@@ -447,7 +447,7 @@ mod tests {
         );
         let capture = [&[0xd4, 0xc3, 0xb2, 0xa1, 2, 0][..], b"$GPHDT,40.0,T*00\r\n"].concat();
         let e = read(&capture, "boat.pcap", &Mount::default()).unwrap_err();
-        assert!(e.to_string().contains("a capture of packets"), "{e}");
+        assert!(e.to_string().contains("a packet capture"), "{e}");
     }
 
     #[test]

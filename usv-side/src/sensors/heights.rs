@@ -108,7 +108,7 @@ impl EllipsoidHeights {
             return Some(Remark::fault(
                 format!(
                     "height: the receiver states {above_m:.1} m above the sea, and the sea {stated:.1} m above the \
-                     ellipsoid, which is perhaps in both: taken as stated, +- {:.0} m",
+                     ellipsoid: the altitude may already include that; used as stated, +- {:.0} m",
                     stated.abs()
                 ),
                 "set the receiver to heights above the sea, together with its geoid separation",

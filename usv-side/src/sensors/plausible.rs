@@ -395,11 +395,11 @@ impl Plausibility {
         let drift = self.drift.map(|d| {
             Remark::fault(
                 format!(
-                    "{whose}heading is {:.0} deg from the course over ground, steadily, at {:.1} m/s",
+                    "{whose}heading differs from the course over ground by a steady {:.0} deg at {:.1} m/s",
                     d.angle.to_degrees().abs(),
                     d.speed_mps
                 ),
-                "if she neither goes astern nor drifts: check sign and mounting of the compass",
+                "unless the vessel goes astern or drifts, check sign and mounting of the compass",
             )
         });
         let all = self.verdicts().into_iter().filter_map(remark);
@@ -425,11 +425,9 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
             s.by
         ),
         Doubt::OfHeight(ratio) if ratio < 0.0 => {
-            format!(
-                "has the other sign than the height of the fixes, mount.heave ({ratio:.1} m of it a metre)"
-            )
+            format!("has the opposite sign of the fixes' height ({ratio:.1} m per metre): set mount.heave")
         }
-        Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the height of the fixes: its unit"),
+        Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the fixes' change of height: check its unit"),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
         Doubt::Inverted(i) => format!(
             "has the wrong sign of {}, or gnss.antenna_m is wrong: by the fixes the antenna is at {:.1} m above the \

@@ -139,7 +139,7 @@ impl Variations {
         if used == 0.0 && self.zero_used {
             return Some(Remark::fault(
                 format!(
-                    "magnetic variation: exactly 0.0 deg by {}, and by no device another: a compass without a table?",
+                    "magnetic variation: exactly 0.0 deg by {} and stated by no other device: a compass without a table?",
                     name(*of)
                 ),
                 "compare it with the chart; set the variation at the compass or the receiver",

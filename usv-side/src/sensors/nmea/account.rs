@@ -64,8 +64,8 @@ impl Why {
                 return format!("{n} fields, {known} are known: a decimal comma?").into();
             }
             Why::Shifted => "a number in place of a letter: a decimal comma?",
-            Why::Nowhere => "at 0 N 0 E, as of a receiver without a fix",
-            Why::Unit => "angles in another unit than degrees (D)",
+            Why::Nowhere => "at 0 N 0 E: a receiver without a fix",
+            Why::Unit => "angles not in degrees (D)",
             Why::NotRead => "an unsupported kind",
             Why::Angles => ANGLES,
             Why::Empty => "empty",

@@ -9,7 +9,7 @@
 //!
 //! Each window of some seconds is fitted with a parabola in time as well, which removes the vessel's course and the
 //! constants of integration. In the same windows the fixes' height without the lever arm's turn is compared with the
-//! heave: its factor `k` is 1 for a correct heave, and negative for one of the other sign.
+//! heave: its factor `k` is 1 for a correct heave, and negative for one of opposite sign.
 
 use alight_shared::frames::VesselNed;
 use alight_shared::geodesy::Datum;

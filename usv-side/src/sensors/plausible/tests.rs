@@ -432,10 +432,14 @@ fn heave_against_the_height_of_the_fixes() {
         (
             -1.0,
             0.02,
-            "heave has the other sign than the height of the fixes, mount.heave (-1.0 m",
+            "heave has the opposite sign of the fixes' height (-1.0 m",
         ),
-        (-1.0, 0.3, "heave has the other sign than the height"),
-        (3.3, 0.02, "heave is 3.3 times the height of the fixes: its unit"),
+        (-1.0, 0.3, "heave has the opposite sign of the fixes' height"),
+        (
+            3.3,
+            0.02,
+            "heave is 3.3 times the fixes' change of height: check its unit",
+        ),
     ] {
         let (kept, remarks) = sift(heaving(factor, 0.0, sd_m));
         let last = attitudes(&kept).into_iter().rfind(|a| a.heave.is_some());
@@ -458,7 +462,7 @@ fn heading_across_or_against_the_course() {
         let all: Vec<Measurement> = all.iter().filter(is_heading).copied().collect();
         let (kept, remarks) = sift(all.clone());
         assert!(kept == all && remarks.len() == 1, "{remarks:?}");
-        let text = format!("heading is {angle} from the course over ground, steadily, at 2.0 m/s");
+        let text = format!("heading differs from the course over ground by a steady {angle} at 2.0 m/s");
         assert_eq!(remarks[0].text, text);
     }
 }

@@ -108,7 +108,7 @@ fn variation_of_zero_next_to_another() {
             "0.0,E",
             rmc(","),
             54.2,
-            "magnetic variation: exactly 0.0 deg by HC, and by no device another",
+            "magnetic variation: exactly 0.0 deg by HC and stated by no other device",
         ),
     ] {
         let (d, headings, _) = boat(10, Mount::default(), |_| {
@@ -193,7 +193,7 @@ fn decimal_commas_negative_headings_and_qualities() {
         ),
         (
             "IIXDR,A,-0.02,R,PTCH,A,0.1,R,ROLL",
-            "10 IIXDR (angles in another unit than degrees (D))",
+            "10 IIXDR (angles not in degrees (D))",
         ),
         (
             "GPGGA,T,0000.0,N,00000.0,E,1,12,0.8,0.0,M,0.0,M,,",
