@@ -174,7 +174,7 @@ impl SequenceOrder {
             Some(n) => Ok(sequence - n),
         }
     }
-    /// Like [`Self::advance`], for messages that may overtake one another; rejects those more than 64 behind the newest.
+    /// Like [`Self::advance`], for messages that may overtake one another; rejects those 64 or more behind the newest.
     pub fn advance_unordered(&self, sequence: u32) -> Result<u32, RejectionReason> {
         match (self.advance(sequence), self.newest) {
             (Err(RejectionReason::OutOfOrder), Some(n)) => match self.admitted.checked_shr(n - sequence) {

@@ -34,7 +34,7 @@ use errors::{ForecastErrors, SPREAD_AT_S};
 use identification::{Axes, Identification};
 use regression::OBSERVED;
 
-/// Sampling interval, s: eight samples per period of the fastest deck motion (0.95 Hz).
+/// Sampling interval, s: ten samples per period of the fastest deck motion (0.95 Hz).
 pub const SAMPLE_S: f64 = 0.1;
 /// Time within which motion outside the modes fades, s: a quarter of a wave period.
 pub const FADE_S: f64 = 1.0;

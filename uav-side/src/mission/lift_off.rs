@@ -122,7 +122,7 @@ impl LiftOffConditions<'_> {
             clear: self.clear(leaves, &deck)?,
         })
     }
-    /// Probability of a harmless speed along the deck until the drone has levelled.
+    /// Probability of a harmless speed along the deck at the time when the drone has levelled.
     fn along(&self, deck: &DeckStage) -> f64 {
         let surplus = self.drone.max_thrust_n / self.drone.mass_kg - GRAVITY;
         let thrust = GRAVITY + 0.5 * surplus.max(0.0);

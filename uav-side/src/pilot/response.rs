@@ -405,7 +405,7 @@ mod tests {
         assert!(!before.identified);
     }
 
-    /// Former compensation without dead time: `w = e / T` by arrival times, with a factor of `T / 0.2 s`, up to 3, on
+    /// Compensation without dead time: `w = e / T` by arrival times, with a factor of `T / 0.2 s`, up to 3, on
     /// the angle.
     struct WithoutDeadTime {
         square: f64,

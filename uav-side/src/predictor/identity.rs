@@ -375,7 +375,7 @@ impl Decks {
     fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
-                // While the radio is received, the own deck may still come into view.
+                // While the radio is received, a second deck may still appear at the vessel's position and be the own deck.
                 return (now - deck.since).secs() >= FOLLOWED_S && !radio;
             }
             self.rivals_of(*k).all(|other| deck.is_clear_of(other))
@@ -529,7 +529,7 @@ mod tests {
     fn decks_without_a_radio() {
         // If there are two decks from the start, neither is followed.
         assert_eq!(side_by_side(30.0, false, 0.4).0, [Verdict::Several(2); 2]);
-        // A single deck is still followed when another comes into view and while it is out of view itself.
+        // A single deck remains the own deck when another comes into view, and while it is out of view itself.
         let mut decks = Decks::default();
         let mut verdict = |t: f64, north: f64| {
             let o = observation(ObservationKind::Tag, t, [north, 0.0], [0.0; 3]);

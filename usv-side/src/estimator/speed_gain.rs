@@ -11,7 +11,7 @@ pub(crate) struct SpeedGain {
     known_s: f64,
 }
 
-/// Averaging time of the acceleration (half that of the mean velocity) and of its mean square, s.
+/// Averaging times of the acceleration (half that of the mean velocity) and of its mean square, s.
 const GAIN_S: f64 = 0.5;
 const USUAL_S: f64 = 100.0;
 /// Multiple of the mean square that is statistically significant: two standard deviations.

@@ -390,7 +390,8 @@ impl CsvTable {
         }
     }
 
-    /// Requires the columns of each group together. A row with only part of a group is bad, unless all rows are partial.
+    /// Requires the columns of each group together. A row with only part of a group is bad if another row
+    /// has all of it.
     pub fn require_together(&mut self, groups: &[&[Quantity]]) -> Result<(), TableError> {
         for group in groups {
             let there = group.iter().find(|q| self.has(**q));

@@ -12,7 +12,8 @@ pub(super) const DOUBTFUL_M: f64 = 25.0;
 pub(super) const ANTENNA_M: core::ops::Range<f64> = -10.0..45.0;
 /// Sea minus ellipsoid above which a stated separation of exactly zero is a default value, m.
 const ZERO_M: f64 = 2.0;
-/// Maximum difference of a separation from the model's with the other sign, m, and minimum size of such a one, m.
+/// Maximum difference between a separation and the negated model value, m, and minimum size of the separation, m, at which
+/// its sign is wrong.
 const MIRRORED_M: f64 = 2.0;
 /// Usual height of an antenna above the water, m.
 const USUAL_M: core::ops::Range<f64> = -5.0..15.0;
@@ -32,7 +33,7 @@ pub(super) struct EllipsoidHeights {
     model: Undulation,
     /// Newest invalid stated separation, and the model's value at that place, m.
     doubtful: Option<(f64, f64)>,
-    /// Newest height above the sea that is usual above the ellipsoid only, and its separation, m.
+    /// Newest stated height above the sea that would be usual only as a height above the ellipsoid, and its separation, m.
     twice: Option<(f64, f64)>,
     /// Number of separations of exactly zero that were ignored.
     zeros: u64,
@@ -44,8 +45,9 @@ pub(super) struct EllipsoidHeights {
 
 impl EllipsoidHeights {
     /// Height of the sea at `place` above the ellipsoid, and its spread, m. The receiver's separation is used, because its height
-    /// is based on it; if it cannot be a geoid height, the spread is the difference from the model. A separation of exactly zero is
-    /// ignored if `above_m`, sent with it, is plausible above the sea; otherwise it is used with this spread.
+    /// is based on it; if it cannot be a geoid height, the spread is the difference from the model; if `above_m`, sent with it, may
+    /// already include it, at least its size. A separation of exactly zero is ignored if `above_m` is plausible above the sea;
+    /// otherwise it is used, and its spread is the difference from the model.
     pub(super) fn separation(&mut self, place: &Datum, above_m: f64, stated: Option<f64>) -> (f64, f64) {
         let model = self.geoid.at(place);
         let is_zero = stated == Some(0.0) && model.height_m.abs() > ZERO_M;

@@ -55,7 +55,7 @@ mod tests {
             abort: echo,
             ..MissionState::default()
         };
-        // The mission already aborted or climbs out, by itself or after another operator's abort.
+        // The mission has already given up or climbs out, by itself or after another operator's abort.
         let boot = sent[0].header.boot;
         for echo in [
             None,

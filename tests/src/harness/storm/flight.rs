@@ -25,7 +25,7 @@ const TOGETHER_S: f64 = 5.0;
 const ASHORE_S: f64 = 2.0;
 /// Duration from which nodes notice a fault, s.
 const NOTICED_S: f64 = 1.0;
-/// Time after the last fault for which an aborted drone waits for the operator, s; its climb takes less.
+/// Time after the last fault for which a drone that gave up waits for the operator, s; its climb takes less.
 const GIVEN_UP_S: f64 = 20.0;
 /// Maximum age of a descent that may continue to its end, s.
 const DESCENDS_S: f64 = 30.0;

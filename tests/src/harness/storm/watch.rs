@@ -292,7 +292,7 @@ impl StormWatch {
         self.spent_s = self.spent_s.or(is_spent(rig, k, fraction).then_some(t_s));
         // A drone that waits until its battery runs low lands as a last resort.
         let at = scene.withdrawn_s.filter(|_| o.motors_on && !scene.runs_low)?;
-        // An abort after the start of that landing stops it.
+        // An abort after the charge was spent declines the deck.
         let before = |spent_s: f64| scene.last_abort_s.is_none_or(|abort_s| abort_s <= spent_s);
         if self.spent_s.is_some_and(before) {
             return None;
