@@ -195,9 +195,9 @@ pub struct AutopilotState {
     /// Collective thrust at hover as estimated by the autopilot, 0 to 1.
     pub hover_thrust: f64,
     /// Reason why the autopilot's state prevents a landing (no origin, a parameter); its code is
-    /// `None` if a landing is permitted.
+    /// `ReasonCode::None` if a landing is permitted.
     pub rejection: Reason,
-    /// Unsuitable parameter that does not prevent a landing; its code is `None` if all are suitable.
+    /// Unsuitable parameter that does not prevent a landing; `ReasonCode::None` if all are suitable.
     pub warning: Reason,
     /// Set-point that would be commanded, compared with the pilot's flight in shadow mode.
     pub shadow: Option<ShadowComparison>,
