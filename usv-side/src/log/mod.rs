@@ -472,7 +472,7 @@ mod tests {
                 ..Mount::default()
             };
             let notes = read(text.as_bytes(), "boat.nmea", &mount).unwrap().notes;
-            let found = notes.iter().any(|n| n.starts_with("heave has the other sign"));
+            let found = notes.iter().any(|n| n.starts_with("heave has the opposite sign"));
             assert_eq!(found, contradicts, "{notes:?}");
         }
     }

@@ -425,7 +425,7 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
             s.by
         ),
         Doubt::OfHeight(ratio) if ratio < 0.0 => {
-            format!("has the opposite sign of the fixes' height ({ratio:.1} m per metre): set mount.heave")
+            format!("has the opposite sign of the fixes' height ({ratio:.1} m per metre; see mount.heave)")
         }
         Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the fixes' change of height: check its unit"),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
