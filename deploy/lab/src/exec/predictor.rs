@@ -12,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::child::AnsweringChild;
-use super::protocol::{PredictedDeck, of_version, parsed};
+use super::protocol::{MAX_REASON, PredictedDeck, of_version, parsed};
 use super::{EXEC, Part, ask, fail, start};
 
 /// Version of both lines; a program that answers with another version is rejected.
@@ -62,7 +62,7 @@ impl PredictorAnswer {
         of_version(answer.version, PREDICTOR_VERSION)?;
         let stages = match (answer.stages, answer.none) {
             (Some(stages), None) => stages,
-            (None, Some(why)) => return Ok(Err(why.chars().take(200).collect())),
+            (None, Some(why)) => return Ok(Err(why.chars().take(MAX_REASON).collect())),
             (None, None) | (Some(_), Some(_)) => {
                 return Err("answered with an invalid choice: give one of stages and none".into());
             }

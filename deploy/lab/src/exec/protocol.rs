@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub const PLANNER_VERSION: u32 = 1;
 /// Maximum length of an answer, bytes: 41 stages of 15 numbers take 15 kB.
 pub const MAX_LINE_BYTES: usize = 128 << 10;
-const MAX_REASON: usize = 200;
+pub const MAX_REASON: usize = 200;
 const MAX_SOLVE_S: f64 = 5.0;
 const MAX_STEP_S: f64 = 1.0;
 
