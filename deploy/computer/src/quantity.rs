@@ -1,4 +1,4 @@
-//! Numbers with units, for flags: `15kn`, `10m/s`, `90s`, `5min`.
+//! Numbers for flags, with units where they have one: `15kn`, `10m/s`, `90s`, `5min`.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -39,6 +39,20 @@ pub fn speed_mps(text: &str) -> Result<f64, String> {
 /// Duration, s; a plain number is in s.
 pub fn duration_s(text: &str) -> Result<f64, String> {
     split(text, &TIMES).map(|(number, unit)| number * unit.unwrap_or(1.0))
+}
+
+/// Parser of a whole number in `range`.
+pub fn whole<T: TryFrom<i64>>(range: RangeInclusive<i64>) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        if let Ok(number) = text.parse()
+            && range.contains(&number)
+            && let Ok(number) = T::try_from(number)
+        {
+            return Ok(number);
+        }
+        let (low, high) = (range.start(), range.end());
+        Err(format!("a whole number from {low} to {high} is needed"))
+    }
 }
 
 pub fn seconds(range: RangeInclusive<u32>) -> impl Fn(&str) -> Result<u32, String> + Clone {
@@ -84,7 +98,12 @@ mod tests {
     }
 
     #[test]
-    fn whole_times_within_a_range() {
+    fn whole_numbers_within_a_range() {
+        let stars = whole::<u8>(1..=5);
+        assert_eq!(stars("5"), Ok(5));
+        for wrong in ["0", "6", "", "1.5", "-1", "99999999999999999999"] {
+            assert!(stars(wrong).unwrap_err().contains("from 1 to 5"), "{wrong}");
+        }
         assert_eq!(seconds(1..=600)("5min"), Ok(300));
         let minutes = |text: &str| text.parse::<WrittenTime>()?.whole(MINUTE, &(1..=30));
         assert_eq!((minutes("10"), minutes("120s")), (Ok(10), Ok(2)));

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use alight_computer::process::args::{ViewArgs, mcap_file};
-use alight_computer::quantity::{duration_s, speed_mps};
+use alight_computer::quantity::{duration_s, speed_mps, whole};
 use alight_computer::terminal::Form;
 use alight_shared::msg::State;
 use alight_sim::baselines::Baseline;
@@ -271,7 +271,7 @@ pub struct SceneArgs {
     /// Fully developed sea of this state, 1 to 5 (WMO code table 3700: height in the middle of its class; period of
     /// Pierson and Moskowitz)
     #[arg(long, value_name = "1..5", conflicts_with = "sea",
-          value_parser = clap::value_parser!(u8).range(1..=5))]
+          value_parser = whole::<u8>(1..=5))]
     pub sea_state: Option<u8>,
     /// Hull that the sea moves by its response table, instead of the simulated one: a name or a CSV with a .toml of the
     /// same name
@@ -405,11 +405,11 @@ pub struct TrialArgs {
           value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
     pub predictor: Option<String>,
     /// Fly N landings, and print the success rate with its interval
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000),
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1_000_000),
           conflicts_with_all = ["plot", "record", "view"])]
     pub trials: Option<u32>,
     /// Threads of --trials [default: all cores]
-    #[arg(long, value_name = "N", requires = "trials", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", requires = "trials", value_parser = whole::<u16>(1..=1024))]
     pub jobs: Option<u16>,
     /// Spread the starts of --trials over the recording: trial i begins at motion-start + i * this, s
     #[arg(long, value_name = "TIME", requires = "trials", requires = "deck_motion", value_parser = duration_s)]
@@ -467,13 +467,13 @@ pub struct StudyArgs {
     #[arg(long, value_name = "NAME,..", value_parser = planner(), value_delimiter = ',')]
     pub planners: Vec<PlannerChoice>,
     /// Trials per row
-    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = whole::<u32>(1..=1_000_000))]
     pub trials: u32,
     /// First seed [default: 1, in a benchmark its own]
     #[arg(long, value_name = "SEED")]
     pub seed0: Option<u64>,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub jobs: Option<u16>,
     /// Directory for rows and report
     ///
@@ -485,12 +485,12 @@ pub struct StudyArgs {
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
     /// Fly only this row, counted from 1
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=u32::MAX.into()))]
     pub row: Option<u32>,
     /// Print commands of SEEDS seeds, for a scheduler
     ///
     /// Nothing is flown. Each line is a command of one row, for example for HyperQueue.
-    #[arg(long, value_name = "SEEDS", value_parser = clap::value_parser!(u32).range(1..),
+    #[arg(long, value_name = "SEEDS", value_parser = whole::<u32>(1..=u32::MAX.into()),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
     /// Write the motion of each scene's deck to CSV: truth, sensors
@@ -502,7 +502,7 @@ pub struct StudyArgs {
     ///
     /// PERCENT applies upward and downward. The interval is Wilson's of 95 %, computed every 20 trials; a row has at
     /// most --trials.
-    #[arg(long, value_name = "PERCENT", value_parser = clap::value_parser!(u8).range(1..=50), conflicts_with = "shard")]
+    #[arg(long, value_name = "PERCENT", value_parser = whole::<u8>(1..=50), conflicts_with = "shard")]
     pub within: Option<u8>,
     /// Output format.
     #[command(flatten)]
@@ -531,22 +531,22 @@ pub struct EnvelopeArgs {
     #[arg(long, value_name = "M/S,..", value_delimiter = ',', value_parser = wind_speed)]
     pub winds: Vec<f64>,
     /// Number of wind directions, evenly spaced all round [default: 12; with --quick 8]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=36))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=36))]
     pub directions: Option<u16>,
     /// Sea states (WMO code table 3700) [default: 1,2,3,4; with --quick 2,3,4]
-    #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = clap::value_parser!(u8).range(1..=5))]
+    #[arg(long, value_name = "1..5,..", value_delimiter = ',', value_parser = whole::<u8>(1..=5))]
     pub sea_states: Vec<u8>,
     /// Landings per cell [default: enough to show --rate, 35 for 90 %; with --quick 5]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=10_000))]
     pub trials: Option<u32>,
     /// Percentage of landings that must succeed up to the limit, by the lower end of the 95 % interval
-    #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = clap::value_parser!(u8).range(50..=99))]
+    #[arg(long, value_name = "PERCENT", default_value_t = 90, value_parser = whole::<u8>(50..=99))]
     pub rate: u8,
     /// First seed
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub seed0: u64,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub jobs: Option<u16>,
     /// Directory for drawing, page and rows; an interrupted run continues there
     ///

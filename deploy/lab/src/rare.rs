@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::quantity::whole;
 use alight_computer::terminal::{self, Form};
 use alight_sim::studies::splitting::{End, SplittingEstimate, SplittingRun, land, split};
 use alight_transport::wake::end_requested;
@@ -24,10 +25,10 @@ pub struct RareArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Landings in a population
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u16).range(8..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 60, value_parser = whole::<u16>(8..=10_000))]
     population: u16,
     /// Independent runs, whose spread gives the interval
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=10))]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = whole::<u8>(1..=10))]
     runs: u8,
     /// Seed of the first run
     #[arg(long, value_name = "SEED", default_value_t = 1)]

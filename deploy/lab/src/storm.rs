@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::quantity::seconds;
+use alight_computer::quantity::{seconds, whole};
 use alight_computer::terminal::{self, Form, note, wrapped};
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormRule, Violation};
@@ -33,7 +33,7 @@ Exit codes: 0 every rule held, 1 one was broken, 2 bad input."
 )]
 pub struct StormArgs {
     /// Number of storms.
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = whole::<u32>(1..=1_000_000))]
     trials: u32,
     /// Fly for this duration instead, s.
     #[arg(long = "for", value_name = "TIME", conflicts_with = "trials", value_parser = seconds(1..=604_800))]
@@ -42,10 +42,10 @@ pub struct StormArgs {
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     seed0: u64,
     /// Faults per storm.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(1..=MAX_FAULTS as i64))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = whole::<u8>(1..=MAX_FAULTS as i64))]
     faults: u8,
     /// Threads [default: all cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     jobs: Option<u16>,
     /// Fly this list instead, and show the events.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["trials", "seconds", "seed0", "faults", "jobs", "save"])]

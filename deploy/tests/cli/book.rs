@@ -9,16 +9,16 @@ const MAX_PAGES: usize = 22;
 const MAX_WORDS: usize = 28_000;
 const MAX_PAGE_WORDS: usize = 2500;
 
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
 }
 
-fn read(path: &Path) -> String {
+pub(crate) fn read(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
 /// Files below `directory` with these endings, without build output.
-fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
+pub(crate) fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(directory).unwrap().flatten() {
         let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());

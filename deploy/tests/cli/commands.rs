@@ -19,7 +19,7 @@ fn bad_input_exit_code_2() {
         ("trial --sea nan,5".into(), "nan"),
         ("trial --seed -3".into(), "-3"),
         ("trial --seed 1.5".into(), "a whole number is needed"),
-        ("trial --trials 1e3".into(), "a whole number is needed"),
+        ("trial --trials 1e3".into(), "a whole number from"),
         ("keys vessel one".into(), "a whole number is needed"),
         ("trial --wind nan".into(), "NaN"),
         ("trial --wind 300".into(), "300"),
@@ -45,15 +45,12 @@ fn bad_input_exit_code_2() {
         (format!("study {bad_key}"), "title"),
         ("study envelope --winds 4,x".into(), "`x`"),
         ("study envelope --winds 40".into(), "`40`"),
-        (
-            "study envelope --sea-states 6".into(),
-            "sea states must be 1 to 5",
-        ),
+        ("study envelope --sea-states 6".into(), "from 1 to 5"),
         ("study envelope --rate 100".into(), "50 to 99"),
         ("study envelope --sea moderate".into(), "--sea-states"),
         ("study envelope --hull no-such-hull".into(), "no-such-hull"),
-        ("trial --trials 0".into(), "trials must be 1 to"),
-        ("trial --trials 2 --jobs 0".into(), "jobs must be 1 to"),
+        ("trial --trials 0".into(), "from 1 to 1000000"),
+        ("trial --trials 2 --jobs 0".into(), "from 1 to 1024"),
         (
             "trial --seed 18446744073709551615 --trials 2".into(),
             "18446744073709551615",
@@ -63,7 +60,7 @@ fn bad_input_exit_code_2() {
             "config schema estimat".into(),
             "no topic estimat: there are estimate, wave",
         ),
-        ("ros2 --domain 233".into(), "domain must be 0 to 232"),
+        ("ros2 --domain 233".into(), "from 0 to 232"),
         ("ros2 --instance none --namespace 1a".into(), "namespace"),
     ]);
 }
@@ -76,7 +73,10 @@ fn wrong_input_with_the_remedy() {
         ("land --warm-pu 20".into(), "'--warm-up'"),
         ("trial --wind 15mph".into(), "kn"),
         ("trial --outage-duration 5miles --outage-at descent".into(), "min"),
-        ("trial --sea-state 6".into(), "sea state must be 1 to 5"),
+        (
+            "trial --sea-state 6".into(),
+            "'6' for '--sea-state <1..5>': a whole number from 1 to 5",
+        ),
         ("view --listen 7450".into(), "ADDRESS:PORT is needed"),
         ("trial --record landing.txt".into(), "ends in .mcap"),
         ("land --record landing.txt".into(), "ends in .mcap"),

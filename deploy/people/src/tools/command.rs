@@ -14,7 +14,7 @@ use alight_computer::config::VesselComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
 use alight_computer::process::local_command::{answer, give};
-use alight_computer::quantity::{SECOND, WrittenTime, speed_mps};
+use alight_computer::quantity::{SECOND, WrittenTime, speed_mps, whole};
 use alight_computer::subject::{commanded_drone, commanded_vessel};
 use alight_computer::terminal::{self, WIDTH};
 use alight_computer::vessel::crew::OrderOnItsWay;
@@ -196,7 +196,7 @@ pub struct CommandArgs {
     ///
     /// From ashore it is required if the vessel receives several drones, and saves time if it receives only one. With
     /// `deck open` the crew has checked that this drone is neither on the deck nor above it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=u32::MAX.into()))]
     pub drone: Option<u32>,
     /// Print one JSON object instead of lines
     #[arg(long)]

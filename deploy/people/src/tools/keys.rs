@@ -5,6 +5,7 @@ use alight_computer::certificates::{
     AUTHORITY_FILE, AUTHORITY_KEY, CERTIFICATE_FILE, RENEWAL_DAYS, expiry, init, issue, read,
 };
 use alight_computer::exit::{CliError, Doing, Exit};
+use alight_computer::quantity::whole;
 use alight_computer::terminal::{self, Form};
 use clap::{Args, Subcommand};
 use serde::Serialize;
@@ -33,7 +34,7 @@ pub enum KeysVerb {
         #[arg(long, value_name = "DIR", default_value = "keys")]
         dir: PathBuf,
         /// Validity in days
-        #[arg(long, value_name = "DAYS", default_value_t = 3650, value_parser = clap::value_parser!(u32).range(1..=36500))]
+        #[arg(long, value_name = "DAYS", default_value_t = 3650, value_parser = whole::<u32>(1..=36500))]
         days: u32,
     },
     /// Create a vessel's key and certificate.
@@ -65,7 +66,7 @@ pub struct SideArgs {
     #[arg(long, value_name = "HOST")]
     pub address: Vec<String>,
     /// Validity in days
-    #[arg(long, value_name = "DAYS", default_value_t = 825, value_parser = clap::value_parser!(u32).range(1..=36500))]
+    #[arg(long, value_name = "DAYS", default_value_t = 825, value_parser = whole::<u32>(1..=36500))]
     pub days: u32,
 }
 

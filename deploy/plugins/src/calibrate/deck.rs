@@ -6,6 +6,7 @@ use std::time::Duration;
 use alight_computer::config::DroneComputerConfig;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::process::instance::is_running;
+use alight_computer::quantity::whole;
 use alight_computer::record::log::{Log, ReplayOrder};
 use alight_computer::record::reading::contained;
 use alight_computer::terminal::{self, note};
@@ -46,7 +47,7 @@ pub struct DeckArgs {
     #[arg(long, conflicts_with = "recording")]
     pub instance: Option<String>,
     /// Observation time, s
-    #[arg(long = "for", value_name = "S", default_value_t = 120, value_parser = clap::value_parser!(u64).range(20..=3600))]
+    #[arg(long = "for", value_name = "S", default_value_t = 120, value_parser = whole::<u64>(20..=3600))]
     pub seconds: u64,
     /// Position of the drone's centre: forward and right of the deck's centre, m [default: 0,0, or by the tag]
     #[arg(

@@ -12,6 +12,7 @@ use alight_computer::exit::{CliError, Exit};
 use alight_computer::io::wall::wall_ns;
 use alight_computer::process::observer::{Observer, Rejoined};
 use alight_computer::process::supervisor::pause;
+use alight_computer::quantity::whole;
 use alight_computer::situation::configured;
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
@@ -48,7 +49,7 @@ pub struct Ros2Args {
     #[arg(long, value_name = "ENDPOINT", conflicts_with = "connect")]
     listen: Option<String>,
     /// ROS_DOMAIN_ID
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_DOMAIN)))]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u32>(0..=i64::from(MAX_DOMAIN)))]
     domain: u32,
     /// Distribution of ROS; humble: keys without type hashes
     #[arg(long, value_enum, value_name = "NAME", default_value_t)]

@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use alight_computer::quantity::seconds;
+use alight_computer::quantity::{seconds, whole};
 use alight_computer::terminal::Form;
 use clap::Args;
 
@@ -25,7 +25,7 @@ pub struct RehearseArgs {
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
     /// Seed of sea, noise and start
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=1_000_000_000))]
     pub seed: u64,
     /// Sea, as for `alight trial`
     #[arg(long, default_value = "moderate", hide_possible_values = true, value_parser = sea())]

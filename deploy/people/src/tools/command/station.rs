@@ -1,7 +1,9 @@
 //! `alight command station`: keeps a position next to the vessel for a while.
 
+use std::ops::RangeInclusive;
+
 use alight_computer::exit::CliError;
-use alight_computer::quantity::MINUTE;
+use alight_computer::quantity::{MINUTE, whole};
 use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 use clap::Args;
 
@@ -13,24 +15,21 @@ pub struct StationArgs {
     /// station: above the deck, m [default: the approach's]
     ///
     /// Height above the deck's mean level, at least that of the approach.
-    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u8).range(1..=i64::from(MAX_STATION_HEIGHT_M)))]
+    #[arg(long, value_name = "M", value_parser = whole::<u8>(1..=i64::from(MAX_STATION_HEIGHT_M)))]
     pub height: Option<u8>,
     /// station: ahead, m, negative astern
     ///
     /// Distance from the deck's centre.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = whole::<i8>(METRES))]
     pub ahead: Option<i8>,
     /// station: to starboard, m [default: 20]
     ///
     /// A negative value is to port. With --ahead the default is 0.
-    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = metres())]
+    #[arg(long, value_name = "M", allow_negative_numbers = true, value_parser = whole::<i8>(METRES))]
     pub right: Option<i8>,
 }
 
-fn metres() -> clap::builder::RangedI64ValueParser<i8> {
-    let most = i64::from(MAX_STATION_M);
-    clap::value_parser!(i8).range(-most..=most)
-}
+const METRES: RangeInclusive<i64> = -(MAX_STATION_M as i64)..=MAX_STATION_M as i64;
 
 pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
     let given = &args.station;
