@@ -423,7 +423,7 @@ impl SimulatedDroneComputer {
         physics: &mut Physics,
         reports_status: bool,
         foresight: Option<&Foresight>,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         let t = physics.now();
         let now = physics.drone_clock(self.k).ahead(self.ahead).read(t);

@@ -145,8 +145,10 @@ pub struct Physics {
 impl Physics {
     /// The true state before the warm-up.
     pub fn new(scenario: &Scenario, seed: impl Into<Streams>) -> Result<Physics, SetupError> {
+        Physics::from_streams(scenario, seed.into())
+    }
+    fn from_streams(scenario: &Scenario, streams: Streams) -> Result<Physics, SetupError> {
         scenario.check(&Keys::ROOT)?;
-        let streams = seed.into();
         let scenario = &scenario.drawn(streams);
         let (sea, carrier) = match &scenario.hull {
             Some(hull) => {

@@ -28,7 +28,7 @@ impl Rig {
         scenario: &Scenario,
         nodes: &NodeConfigs,
         seed: u64,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) -> Result<Rig, SetupError> {
         let mut world = World::new(scenario, nodes, seed)?;
         world.warm_up(observer);
@@ -51,12 +51,12 @@ impl Rig {
     }
 
     /// Advances one tick, and checks that two drones never use the deck together.
-    pub fn tick(&mut self, observer: &mut impl WorldObserver) {
+    pub fn tick(&mut self, observer: &mut dyn WorldObserver) {
         self.advance(observer);
         assert!(self.using_the_deck().len() <= 1, "{:?}", self.visited);
     }
     /// Advances one tick without the check.
-    pub fn advance(&mut self, observer: &mut impl WorldObserver) {
+    pub fn advance(&mut self, observer: &mut dyn WorldObserver) {
         self.world.tick(observer);
         let t_s = self.t_s();
         if self.touched_s.is_none() && self.world.physics().touches(0) {

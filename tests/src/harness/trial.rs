@@ -62,7 +62,7 @@ pub fn fly_with(
     seed: u64,
     sea: &str,
     watch: Watch<'_>,
-    observer: &mut impl WorldObserver,
+    observer: &mut dyn WorldObserver,
 ) -> Result<FlownTrial, SetupError> {
     let world = World::new(scenario, nodes, seed)?;
     Ok(land(world, scenario, nodes, seed, sea, watch, observer))
@@ -76,7 +76,7 @@ pub fn land(
     seed: u64,
     sea: &str,
     watch: Watch<'_>,
-    observer: &mut impl WorldObserver,
+    observer: &mut dyn WorldObserver,
 ) -> FlownTrial {
     world.warm_up(observer);
     world.command(CommandKind::Land);

@@ -69,7 +69,13 @@ impl World {
         nodes: &NodeConfigs,
         seed: impl Into<Streams>,
     ) -> Result<World, SetupError> {
-        let streams = seed.into();
+        World::from_streams(scenario, nodes, seed.into())
+    }
+    fn from_streams(
+        scenario: &Scenario,
+        nodes: &NodeConfigs,
+        streams: Streams,
+    ) -> Result<World, SetupError> {
         let scenario = &scenario.drawn(streams);
         let physics = Physics::new(scenario, streams)?;
         let foresight = scenario
@@ -111,11 +117,11 @@ impl World {
             (failing.clock_rates, failing.push, failing.wake_nm);
     }
     /// Runs the vessel until the start; the drones appear shortly before it.
-    pub fn warm_up(&mut self, observer: &mut impl WorldObserver) {
+    pub fn warm_up(&mut self, observer: &mut dyn WorldObserver) {
         while self.warm_up_tick(observer) {}
     }
     /// Runs one tick; returns false once the warm-up is over.
-    pub fn warm_up_tick(&mut self, observer: &mut impl WorldObserver) -> bool {
+    pub fn warm_up_tick(&mut self, observer: &mut dyn WorldObserver) -> bool {
         let now = self.physics.now();
         if now >= self.physics.hover_from() && self.physics.drone(0).is_none() {
             for drone in &mut self.drones {
@@ -242,7 +248,7 @@ impl World {
     }
 
     /// Advances by one tick of 10 ms; shows the first drone's rows to the observer.
-    pub fn tick(&mut self, observer: &mut impl WorldObserver) {
+    pub fn tick(&mut self, observer: &mut dyn WorldObserver) {
         let t = self.physics.now();
         observer.truth(t, &self.physics.vessel(), self.physics.drone_in_wind(0).as_ref());
 

@@ -59,7 +59,7 @@ impl SimulatedDroneComputer {
         (t, now): Moment,
         packets: Vec<Stamped<DroneClock, Packet>>,
         reports_status: bool,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         let (runs, boot) = self.process(ProcessKind::Bridge);
         let Some(bridge) = &mut self.rows.bridge else {
@@ -93,7 +93,7 @@ impl SimulatedDroneComputer {
         &mut self,
         (t, now): Moment,
         physics: &Physics,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         let runs = self.runs(ProcessKind::Autopilot);
         let Some(linked) = &mut self.linked else { return };
@@ -112,7 +112,7 @@ impl SimulatedDroneComputer {
         &mut self,
         (t, now): Moment,
         mut frames: Vec<MavlinkFrame>,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         let (runs, boot) = self.process(ProcessKind::Autopilot);
         let (Some(link), Some(linked)) = (self.rows.autopilot.as_mut().filter(|_| runs), &mut self.linked)
@@ -139,7 +139,7 @@ impl SimulatedDroneComputer {
         &mut self,
         (t, now): Moment,
         physics: &mut Physics,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         physics.receive_rtcm(self.k, &core::mem::take(&mut self.corrections));
         let Some(mut readings) = physics.drone_readings(self.k) else {
@@ -189,7 +189,7 @@ impl SimulatedDroneComputer {
         (t, now): Moment,
         physics: &Physics,
         foresight: Option<&Foresight>,
-        observer: &mut impl WorldObserver,
+        observer: &mut dyn WorldObserver,
     ) {
         let clock = physics.drone_clock(self.k).ahead(self.ahead);
         let truth = physics.drone(self.k);
@@ -208,11 +208,11 @@ impl SimulatedDroneComputer {
         let mut edge = edge::<Predictor>(|_| {}, correct);
         step(&mut self.rows.predictor, process, (t, now), &mut edge, observer);
     }
-    pub(super) fn step_mission(&mut self, at: Moment, observer: &mut impl WorldObserver) {
+    pub(super) fn step_mission(&mut self, at: Moment, observer: &mut dyn WorldObserver) {
         let process = self.process(ProcessKind::Mission);
         step(&mut self.rows.mission, process, at, &mut (), observer);
     }
-    pub(super) fn step_planner(&mut self, (t, now): Moment, observer: &mut impl WorldObserver) {
+    pub(super) fn step_planner(&mut self, (t, now): Moment, observer: &mut dyn WorldObserver) {
         let process = self.process(ProcessKind::Planner);
         let mut edge = SolveTime {
             now: t,
@@ -223,7 +223,7 @@ impl SimulatedDroneComputer {
         };
         step(&mut self.rows.planner, process, (t, now), &mut edge, observer);
     }
-    pub(super) fn step_pilot(&mut self, at: Moment, observer: &mut impl WorldObserver) {
+    pub(super) fn step_pilot(&mut self, at: Moment, observer: &mut dyn WorldObserver) {
         let process = self.process(ProcessKind::Pilot);
         step(&mut self.rows.pilot, process, at, &mut (), observer);
     }
@@ -235,7 +235,7 @@ fn step<N: Installed + Node<Clock = DroneClock>>(
     (runs, boot): (bool, u32),
     (t, now): Moment,
     edge: &mut impl Edge<N>,
-    observer: &mut impl WorldObserver,
+    observer: &mut dyn WorldObserver,
 ) {
     if let Some(row) = due(row, runs, now) {
         observer.step(t, &row.step(|| now, edge).of(N::KIND, boot));

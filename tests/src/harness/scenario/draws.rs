@@ -102,13 +102,16 @@ impl Scenario {
 
     /// The true scenario of `seed`. A scenario that is already drawn is returned unchanged.
     pub fn drawn(&self, seed: impl Into<Streams>) -> Scenario {
+        self.drawn_from(&seed.into())
+    }
+    fn drawn_from(&self, streams: &Streams) -> Scenario {
         let mut world = self.clone();
         if !self.draws.on {
             return world;
         }
         world.draws.on = false;
-        let (c, streams) = (&self.draws, seed.into());
-        let draws = Draws(&streams);
+        let c = &self.draws;
+        let draws = Draws(streams);
         world.draw_sensors(c, &draws);
         world.draw_drone(c, &draws);
         world.draw_hull(c, &draws);
