@@ -471,6 +471,11 @@ macro_rules! wiring {
                 0 $(+ self.$out.unsent())* $(+ self.$saved.unsent())?
             }
         }
+        // A process reports the state of every topic that it reads.
+        const _: () = {
+            let reads: &[&str] = &[$(stringify!($in)),*];
+            assert!(reads.len() <= $crate::process::MAX_INPUTS);
+        };
         impl $crate::bus::Wired for $node {
             type Ports<B: $crate::bus::Bus> = $ports<B>;
 

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::process::MAX_FLOWS;
 use crate::topics::{self, Topic};
 
 /// Kind of computer at one end of the radio.
@@ -53,6 +54,12 @@ macro_rules! radio {
         impl RadioTopic {
             /// All radio topics.
             pub const ALL: &[RadioTopic] = &[$(RadioTopic::$name),*];
+            /// Number of topics that a vessel's computer sends, a drone's, and an operator's.
+            const SENT: [usize; 3] = {
+                let mut sent = [0; 3];
+                $(sent[RadioEnd::$from as usize] += 1;)*
+                sent
+            };
             /// Row of this topic in the table.
             pub const fn row(self) -> RadioRow {
                 match self {
@@ -88,6 +95,12 @@ radio! {
     Status: DRONE_STATUS, Drone => Vessel, Status;
     Order: OPERATOR, Operator => Vessel, Order;
 }
+
+// A process reports the rate of every topic that it sends.
+const _: () = {
+    let [vessel, drone, operator] = RadioTopic::SENT;
+    assert!(vessel <= MAX_FLOWS && drone <= MAX_FLOWS && operator <= MAX_FLOWS);
+};
 
 #[cfg(test)]
 mod tests {
