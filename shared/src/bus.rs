@@ -37,10 +37,22 @@ pub trait Bus {
 
 /// Reads messages `M` in the order in which they were sent.
 pub trait Reader<M> {
-    /// Newest message since the last read, if any; `now_ns` is on the clock of the messages.
-    fn newest(&mut self, now_ns: i64) -> Option<M>;
-    /// All messages since the last read, at most as many as the topic's buffer holds.
-    fn all(&mut self, now_ns: i64) -> Vec<M>;
+    /// Replaces `to` by the newest message since the last read, or by None; `now_ns` is on the clock of the messages.
+    fn read_newest(&mut self, now_ns: i64, to: &mut Option<M>);
+    /// Replaces `to` by all messages since the last read, at most as many as the topic's buffer holds.
+    fn read_all(&mut self, now_ns: i64, to: &mut Vec<M>);
+    /// Newest message since the last read, if any.
+    fn newest(&mut self, now_ns: i64) -> Option<M> {
+        let mut newest = None;
+        self.read_newest(now_ns, &mut newest);
+        newest
+    }
+    /// All messages since the last read.
+    fn all(&mut self, now_ns: i64) -> Vec<M> {
+        let mut all = Vec::new();
+        self.read_all(now_ns, &mut all);
+        all
+    }
     /// Counts of messages read and missed so far.
     fn state(&self, now_ns: i64) -> InputState;
 }
@@ -68,7 +80,9 @@ pub trait Writer<M> {
 }
 
 /// A node whose wiring is declared. Its steps can be recorded and computed again.
-pub trait Wired: Node<In: Recorded + Clone + DeserializeOwned, Out: Recorded> + Sized {
+pub trait Wired:
+    Node<In: Recorded + Clone + Default + DeserializeOwned, Out: Recorded + Default> + Sized
+{
     /// Ports of the node on a bus.
     type Ports<B: Bus>: Ports<B, In = Self::In, Out = Self::Out>;
 
@@ -89,8 +103,8 @@ pub trait Ports<B: Bus>: Sized {
     fn join(bus: &B) -> Result<Self, B::Error>;
     /// Opens the signals that wake the node.
     fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error>;
-    /// Reads all input that arrived since the last read; `now_ns` is on the computer's clock.
-    fn read(&mut self, now_ns: i64) -> Self::In;
+    /// Replaces `input` by what arrived since the last read; `now_ns` is on the computer's clock.
+    fn read(&mut self, now_ns: i64, input: &mut Self::In);
     /// Writes an output, its checkpoint first. Returns whether it contained anything besides the checkpoint.
     fn write(&mut self, out: &Self::Out) -> bool;
     /// Counts of the messages read on each topic.
@@ -114,9 +128,9 @@ impl<B: Bus, M: Plain> Saved<B, M> {
             predecessor: Some(bus.reader()?),
         })
     }
-    /// Checkpoint of the predecessor, if any; `now_ns` is on the computer's clock.
-    pub fn predecessor(&mut self, now_ns: i64) -> Option<M> {
-        self.predecessor.as_mut()?.newest(now_ns)
+    /// Replaces `to` by the checkpoint of the predecessor, or by None; `now_ns` is on the computer's clock.
+    pub fn read_predecessor(&mut self, now_ns: i64, to: &mut Option<M>) {
+        self.predecessor.read_newest(now_ns, to);
     }
     /// Writes the node's own checkpoint, if it is due.
     pub fn write(&mut self, own: Option<&M>) {
@@ -152,7 +166,9 @@ pub struct Row<N: Wired, B: Bus> {
     pub ports: N::Ports<B>,
     /// Signals that wake the row; a caller that waits for them may take them.
     pub wakes: Vec<B::Wake>,
-    stepped: Option<Time<N::Clock>>,
+    /// Last step, which the next one overwrites in place: a forecast has 10 kB.
+    pub last: RowStep<N>,
+    has_stepped: bool,
 }
 
 /// Completed step of a row.
@@ -200,7 +216,14 @@ impl<N: Wired, B: Bus> Row<N, B> {
             node,
             ports: N::Ports::join(bus)?,
             wakes: N::Ports::wakes(bus)?,
-            stepped: None,
+            last: RowStep {
+                at: Time::EPOCH,
+                took: Span::ZERO,
+                worked: false,
+                input: N::In::default(),
+                out: N::Out::default(),
+            },
+            has_stepped: false,
         })
     }
     /// Whether the row is due at `now`: a topic has woken it, or it has waited for [`MAX_WAIT`].
@@ -209,25 +232,24 @@ impl<N: Wired, B: Bus> Row<N, B> {
             .wakes
             .iter_mut()
             .fold(false, |woken, wake| wake.woke() | woken);
-        woken || self.stepped.is_none_or(|at| now - at >= MAX_WAIT)
+        woken || !self.has_stepped || now - self.last.at >= MAX_WAIT
     }
     /// Performs one step. `clock` reads the computer's clock, which never goes back.
-    pub fn step(&mut self, mut clock: impl FnMut() -> Time<N::Clock>, edge: &mut impl Edge<N>) -> RowStep<N> {
-        let mut input = self.ports.read(clock().nanos());
-        edge.read(&mut input);
+    pub fn step(
+        &mut self,
+        mut clock: impl FnMut() -> Time<N::Clock>,
+        edge: &mut impl Edge<N>,
+    ) -> &RowStep<N> {
+        let step = &mut self.last;
+        self.ports.read(clock().nanos(), &mut step.input);
+        edge.read(&mut step.input);
         // The clock is read after the messages, so that no step precedes its input even if the process was delayed.
-        let at = clock();
-        self.stepped = Some(at);
-        let mut out = self.node.step(at, &input);
-        let took = clock() - at;
-        let worked = edge.write(&input, &mut out, &mut self.ports);
-        RowStep {
-            at,
-            took,
-            worked,
-            input,
-            out,
-        }
+        step.at = clock();
+        self.has_stepped = true;
+        step.out = self.node.step(step.at, &step.input);
+        step.took = clock() - step.at;
+        step.worked = edge.write(&step.input, &mut step.out, &mut self.ports);
+        step
     }
 }
 
@@ -418,6 +440,12 @@ pub use crate::readers;
 /// optional. Every field of the input must be named.
 #[macro_export]
 macro_rules! wiring {
+    (@newest $reader:expr, $now_ns:expr, $to:expr) => {
+        $reader.read_newest($now_ns, $to)
+    };
+    (@all $reader:expr, $now_ns:expr, $to:expr) => {
+        $reader.read_all($now_ns, $to)
+    };
     ($(#[$doc:meta])* $ports:ident of $node:ident: $input:ident => $output:ident {
         reads { $($how:ident $in:ident: $read:ty),* $(,)? }
         $(edge { $($edge:ident),* $(,)? })?
@@ -444,14 +472,13 @@ macro_rules! wiring {
             fn wakes(bus: &B) -> Result<Vec<B::Wake>, B::Error> {
                 Ok(vec![$(bus.wake::<$wake>()?),*])
             }
-            fn read(&mut self, now_ns: i64) -> $input {
+            #[allow(unused_variables, reason = "a node may read nothing")]
+            fn read(&mut self, now_ns: i64, input: &mut $input) {
                 #[allow(unused_imports, reason = "a node may read nothing")]
                 use $crate::bus::Reader as _;
-                $input {
-                    $($in: self.$in.$how(now_ns),)*
-                    $($saved: self.$saved.predecessor(now_ns),)?
-                    $($($edge: Default::default(),)*)?
-                }
+                $($crate::wiring!(@$how self.$in, now_ns, &mut input.$in);)*
+                $(self.$saved.read_predecessor(now_ns, &mut input.$saved);)?
+                $($(input.$edge = Default::default();)*)?
             }
             fn write(&mut self, out: &$output) -> bool {
                 #[allow(unused_imports, reason = "a node may write nothing")]
@@ -539,13 +566,13 @@ mod tests {
         }
     }
     impl<M: Plain> Reader<M> for Port<M> {
-        fn newest(&mut self, now_ns: i64) -> Option<M> {
-            self.all(now_ns).pop()
+        fn read_newest(&mut self, now_ns: i64, to: &mut Option<M>) {
+            *to = self.all(now_ns).pop();
         }
-        fn all(&mut self, _now_ns: i64) -> Vec<M> {
+        fn read_all(&mut self, _now_ns: i64, to: &mut Vec<M>) {
             let sent = self.0.borrow();
             let new = sent.iter().skip(core::mem::replace(&mut self.1, sent.len()));
-            new.filter_map(|m| m.downcast_ref().copied()).collect()
+            *to = new.filter_map(|m| m.downcast_ref().copied()).collect();
         }
         fn state(&self, _now_ns: i64) -> InputState {
             InputState::default()
@@ -605,14 +632,18 @@ mod tests {
         others.0.send(&RangeSample::default());
         others.1.send(&Plan::default());
         others.2.send(&MissionCheckpoint::default());
-        let read = ports.read(0);
+        let mut read = In {
+            frames: vec![7],
+            ..In::default()
+        };
+        ports.read(0, &mut read);
         assert_eq!(
             (read.plan_in.is_some(), read.ranges.len(), read.frames.len()),
             (true, 2, 0)
         );
         assert!(read.kept.is_some());
-        let again = ports.read(0);
-        assert!(again.plan_in.is_none() && again.ranges.is_empty());
+        ports.read(0, &mut read);
+        assert!(read.plan_in.is_none() && read.ranges.is_empty());
 
         // Once a checkpoint has been written, the predecessor's is no longer read.
         assert!(!ports.write(&Out {
@@ -628,7 +659,8 @@ mod tests {
         assert!(
             wire.sent::<MissionCheckpoint>(5) && wire.sent::<MissionState>(6) && wire.sent::<MissionState>(7)
         );
-        assert!(ports.read(0).kept.is_none());
+        ports.read(0, &mut read);
+        assert!(read.kept.is_none());
 
         assert_eq!((ports.states(0).len(), ports.unsent()), (2, 3));
         let (mut read, mut written) = (0, 0);

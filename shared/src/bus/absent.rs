@@ -21,11 +21,17 @@ impl<B: Bus> Bus for Option<B> {
     }
 }
 impl<M, R: Reader<M>> Reader<M> for Option<R> {
-    fn newest(&mut self, now_ns: i64) -> Option<M> {
-        self.as_mut()?.newest(now_ns)
+    fn read_newest(&mut self, now_ns: i64, to: &mut Option<M>) {
+        *to = None;
+        if let Some(reader) = self {
+            reader.read_newest(now_ns, to);
+        }
     }
-    fn all(&mut self, now_ns: i64) -> Vec<M> {
-        self.as_mut().map_or_else(Vec::new, |r| r.all(now_ns))
+    fn read_all(&mut self, now_ns: i64, to: &mut Vec<M>) {
+        to.clear();
+        if let Some(reader) = self {
+            reader.read_all(now_ns, to);
+        }
     }
     fn state(&self, now_ns: i64) -> InputState {
         self.as_ref()

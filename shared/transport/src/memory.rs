@@ -271,23 +271,23 @@ pub struct Subscriber<T: Plain> {
 }
 
 impl<T: Plain> Subscriber<T> {
-    /// Newest waiting message, if any; `now_ns` is on the clock of the messages' stamps.
-    pub fn newest(&mut self, now_ns: i64) -> Option<T> {
-        self.all(now_ns).pop()
-    }
-    /// All waiting messages in order, at most [`MAX_PER_READ`].
-    pub fn all(&mut self, now_ns: i64) -> Vec<T> {
-        let mut messages = Vec::new();
-        while messages.len() < MAX_PER_READ {
+    /// Waiting messages in order, at most [`MAX_PER_READ`]; `now_ns` is on the clock of their stamps.
+    fn waiting(&mut self, now_ns: i64) -> impl Iterator<Item = iceoryx2::sample::Sample<Ipc, Sample<T>, ()>> {
+        let Subscriber { port, statistics } = self;
+        (0..MAX_PER_READ).map_while(move |_| {
             // On an error, a publisher disappeared while sending: its message is lost, and the next read tries again.
-            let Ok(Some(sample)) = self.port.receive() else {
-                break;
-            };
-            let Sample(message) = *sample;
-            self.statistics.count(message.order(), message.at_ns(), now_ns);
-            messages.push(message);
-        }
-        messages
+            let sample = port.receive().ok()??;
+            statistics.count(sample.0.order(), sample.0.at_ns(), now_ns);
+            Some(sample)
+        })
+    }
+    /// Newest waiting message, if any.
+    pub fn newest(&mut self, now_ns: i64) -> Option<T> {
+        self.waiting(now_ns).last().map(|sample| sample.0)
+    }
+    /// All waiting messages in order.
+    pub fn all(&mut self, now_ns: i64) -> Vec<T> {
+        self.waiting(now_ns).map(|sample| sample.0).collect()
     }
     pub fn statistics(&self) -> &InputStatistics {
         &self.statistics
@@ -312,11 +312,15 @@ impl Bus for Memory {
 }
 
 impl<M: Plain> bus::Reader<M> for Subscriber<M> {
-    fn newest(&mut self, now_ns: i64) -> Option<M> {
-        Subscriber::newest(self, now_ns)
+    fn read_newest(&mut self, now_ns: i64, to: &mut Option<M>) {
+        *to = None;
+        if let Some(sample) = self.waiting(now_ns).last() {
+            *to = Some(sample.0);
+        }
     }
-    fn all(&mut self, now_ns: i64) -> Vec<M> {
-        Subscriber::all(self, now_ns)
+    fn read_all(&mut self, now_ns: i64, to: &mut Vec<M>) {
+        to.clear();
+        to.extend(self.waiting(now_ns).map(|sample| sample.0));
     }
     fn state(&self, now_ns: i64) -> InputState {
         self.statistics.state(now_ns)

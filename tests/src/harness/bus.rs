@@ -179,33 +179,32 @@ pub struct Receiver<M> {
 }
 
 impl<M: Plain> Receiver<M> {
-    fn take<T>(&mut self, taken: impl FnOnce(&mut dyn Iterator<Item = &M>) -> T) -> T {
+    fn each_new(&mut self, mut each: impl FnMut(&M)) {
         let ring = self.ring.borrow();
         let new = usize::try_from(ring.sent - self.read).unwrap_or(usize::MAX);
         self.read = ring.sent;
         let old = ring.newest.len().saturating_sub(new);
-        let received = &mut self.received;
-        let mut new = ring
-            .newest
-            .iter()
-            .skip(old)
-            .inspect(|m| received.count(m.order(), m.at_ns()));
-        taken(&mut new)
+        for message in ring.newest.range(old..) {
+            self.received.count(message.order(), message.at_ns());
+            each(message);
+        }
     }
 }
 
 impl<M: Plain> Reader<M> for Receiver<M> {
-    fn newest(&mut self, now_ns: i64) -> Option<M> {
+    fn read_newest(&mut self, now_ns: i64, to: &mut Option<M>) {
         if self.place.borrow().is_some() {
-            return self.all(now_ns).pop();
+            *to = self.all(now_ns).pop();
+            return;
         }
-        self.take(|new| new.last().copied())
+        *to = None;
+        self.each_new(|message| *to = Some(*message));
     }
-    fn all(&mut self, now_ns: i64) -> Vec<M> {
-        let new = self.take(|new| new.copied().collect());
-        match self.place.borrow_mut().as_mut() {
-            Some(wrapper) => wrapper(now_ns, new),
-            None => new,
+    fn read_all(&mut self, now_ns: i64, to: &mut Vec<M>) {
+        to.clear();
+        self.each_new(|message| to.push(*message));
+        if let Some(wrapper) = self.place.borrow_mut().as_mut() {
+            *to = wrapper(now_ns, core::mem::take(to));
         }
     }
     fn state(&self, now_ns: i64) -> InputState {

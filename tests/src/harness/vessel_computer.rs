@@ -182,7 +182,7 @@ impl VesselSide {
         };
         let step = row.step(|| now, &mut edge::<VesselComputer>(receive, |_, _| {}));
         look(&step.of(ProcessKind::Vessel, self.boot));
-        step.out
+        core::mem::take(&mut row.last.out)
     }
 }
 

@@ -71,11 +71,7 @@ impl World {
     ) -> Result<World, SetupError> {
         World::from_streams(scenario, nodes, seed.into())
     }
-    fn from_streams(
-        scenario: &Scenario,
-        nodes: &NodeConfigs,
-        streams: Streams,
-    ) -> Result<World, SetupError> {
+    fn from_streams(scenario: &Scenario, nodes: &NodeConfigs, streams: Streams) -> Result<World, SetupError> {
         let scenario = &scenario.drawn(streams);
         let physics = Physics::new(scenario, streams)?;
         let foresight = scenario

@@ -132,21 +132,23 @@ impl<N: Wired> Process<N> {
             *last = (*last).max(clock.now());
             *last
         };
-        let step = due.then(|| {
+        let mut at = now();
+        if due {
             let step = self.row.step(&mut now, edge);
+            at = step.at;
             // Steps without work do not count in the statistics of step times.
             self.life.stepped(step.worked.then(|| step.took.secs()));
             if let Some(recorder) = &mut self.recorder {
                 recorder.step(steady_ns(), step.at.nanos(), &step.input, &step.out);
             }
-            step
-        });
-        let at = step.as_ref().map_or_else(&mut now, |step| step.at);
-        let Row { node, ports, .. } = &self.row;
+        }
+        let Row {
+            node, ports, last, ..
+        } = &self.row;
         let inputs = &|| ports.states(at.nanos());
-        if let Some(step) = &step {
+        if due {
             let now = now();
-            edge.stepped(&NodeView { node, now, inputs }, step);
+            edge.stepped(&NodeView { node, now, inputs }, last);
         }
         let look = NodeView {
             node,

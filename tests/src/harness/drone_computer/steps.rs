@@ -165,12 +165,10 @@ impl SimulatedDroneComputer {
         let [belly, ultraviolet] = [ProcessKind::Camera, ProcessKind::Uvdar].map(|p| self.process(p).1);
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.camera) {
             let mut images = cameras.belly(t, &readings.shots);
-            let step = row.step(
-                || now,
-                &mut edge::<CameraNode>(|i| swap(i, &mut images), |_, _| {}),
-            );
-            cameras.metered(step.input.frames.len(), &row.node.light());
+            let mut edge = edge::<CameraNode>(|i| swap(i, &mut images), |_, _| {});
+            let step = row.step(|| now, &mut edge);
             observer.step(t, &step.of(ProcessKind::Camera, belly));
+            cameras.metered(step.input.frames.len(), &row.node.light());
         }
         if let (Some(cameras), Some(row)) = (&mut self.cameras, &mut self.rows.uvdar) {
             let mut images = cameras.ultraviolet(t, &readings.uv_shots);
