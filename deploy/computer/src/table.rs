@@ -1,4 +1,4 @@
-//! Tables for a terminal, as Markdown or as HTML.
+//! Tables for a terminal.
 
 use std::fmt::{Display, Write as _};
 use std::io::IsTerminal;
@@ -6,28 +6,13 @@ use std::ops::RangeBounds;
 
 use crate::terminal::WIDTH;
 
-/// Quality of a cell's value, shown as a colour on a page.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Quality {
-    #[default]
-    Neutral,
-    Good,
-    Bad,
-}
-
+/// Text of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Cell {
-    text: String,
-    note: String,
-    quality: Quality,
-}
+pub struct Cell(String);
 
 impl<T: Display> From<T> for Cell {
     fn from(value: T) -> Cell {
-        Cell {
-            text: value.to_string(),
-            ..Cell::default()
-        }
+        Cell(value.to_string())
     }
 }
 
@@ -41,30 +26,13 @@ impl Cell {
     pub fn number(value: impl Into<Option<f64>>, digits: usize) -> Cell {
         number(value, digits).into()
     }
-    pub fn signed(value: f64, digits: usize) -> Cell {
-        format!("{value:+.digits$}").into()
-    }
-    /// Adds a note: in brackets; on a page, in small print below the value.
+    /// Adds a note in brackets, unless it is empty.
     pub fn note(mut self, note: impl Display) -> Cell {
-        self.note = note.to_string();
-        self
-    }
-    pub fn judged(mut self, good: bool) -> Cell {
-        self.quality = if good { Quality::Good } else { Quality::Bad };
-        self
-    }
-    fn line(&self) -> String {
-        match self.note.as_str() {
-            "" => self.text.clone(),
-            note => format!("{} ({note})", self.text),
+        let note = note.to_string();
+        if !note.is_empty() {
+            self.0 += &format!(" ({note})");
         }
-    }
-    fn html(&self) -> String {
-        let note = match self.note.as_str() {
-            "" => String::new(),
-            note => format!("<br><small>{}</small>", escape(note)),
-        };
-        format!("{}{note}", escape(&self.text))
+        self
     }
 }
 
@@ -101,7 +69,7 @@ impl Table {
     /// width follow in further blocks, each of which repeats the columns before the first number.
     pub fn text(&self) -> String {
         let lines: Vec<Vec<String>> = core::iter::once(self.heads.clone())
-            .chain(self.rows.iter().map(|r| r.iter().map(Cell::line).collect()))
+            .chain(self.rows.iter().map(|r| r.iter().map(|c| c.0.clone()).collect()))
             .collect();
         let mut widths = vec![0; self.heads.len()];
         for line in &lines {
@@ -137,59 +105,11 @@ impl Table {
         }
         out
     }
-    pub fn markdown(&self) -> String {
-        let mut out = format!(
-            "| {} |\n|{}\n",
-            self.heads.join(" | "),
-            "---|".repeat(self.heads.len())
-        );
-        for row in &self.rows {
-            let cells: Vec<String> = row.iter().map(Cell::line).collect();
-            let _ = writeln!(out, "| {} |", cells.join(" | "));
-        }
-        out
-    }
-    /// HTML with a line wherever the first column changes.
-    pub fn html(&self) -> String {
-        let class = |is_number: &bool, quality: Quality| match (is_number, quality) {
-            (false, _) => " class=\"text\"",
-            (true, Quality::Neutral) => "",
-            (true, Quality::Good) => " class=\"good\"",
-            (true, Quality::Bad) => " class=\"bad\"",
-        };
-        let mut out = String::from("<div class=\"wide\"><table><tr>");
-        for (head, is_number) in self.heads.iter().zip(&self.is_number) {
-            let _ = write!(out, "<th{}>{}", class(is_number, Quality::Neutral), escape(head));
-        }
-        out.push_str("</tr>");
-        let mut group = None;
-        for row in &self.rows {
-            let first = row.first().map(|c| &c.text);
-            out.push_str(if group == first {
-                "<tr>"
-            } else {
-                "<tr class=\"new\">"
-            });
-            group = first;
-            for (cell, is_number) in row.iter().zip(&self.is_number) {
-                let _ = write!(out, "<td{}>{}", class(is_number, cell.quality), cell.html());
-            }
-            out.push_str("</tr>");
-        }
-        out.push_str("</table></div>");
-        out
-    }
 }
 
 pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
     let finite = value.into().filter(|v| v.is_finite());
     finite.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
-}
-
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -223,23 +143,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn table_on_a_terminal_in_markdown_and_html() {
+    fn table_on_a_terminal() {
         let mut table = Table::new(1.., ["sea", "error m"]);
-        table.row(cells![
-            "a<b",
-            Cell::number(0.25, 2).note("p95 0.30").judged(false)
-        ]);
+        table.row(cells!["a<b", Cell::number(0.25, 2).note("p95 0.30")]);
         table.row(cells!["calm", Cell::number(None, 2)]);
         assert_eq!(
             table.text(),
             "  sea           error m\n  a<b   0.25 (p95 0.30)\n  calm                -\n"
         );
-        assert_eq!(
-            table.markdown(),
-            "| sea | error m |\n|---|---|\n| a<b | 0.25 (p95 0.30) |\n| calm | - |\n"
-        );
-        let html = table.html();
-        assert!(html.contains("<td class=\"text\">a&lt;b<td class=\"bad\">0.25<br><small>p95 0.30</small>"));
     }
 
     #[test]

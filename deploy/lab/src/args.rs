@@ -475,10 +475,10 @@ pub struct StudyArgs {
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub jobs: Option<u16>,
-    /// Directory for rows and report
+    /// Directory for rows and table
     ///
-    /// A study that was interrupted continues there. The files are rows.csv, summary.md, summary.json, report.html and,
-    /// if the study has curves, curves.svg.
+    /// A study that was interrupted continues there. The files are rows.csv and summary.json (the output of --json), and
+    /// the scenes and configurations of the rows, for replay. `python3 -m alight DIR` draws it.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Fly only part I of N, for several machines
@@ -548,9 +548,9 @@ pub struct EnvelopeArgs {
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub jobs: Option<u16>,
-    /// Directory for drawing, page and rows; an interrupted run continues there
+    /// Directory for cells and rows; an interrupted run continues there
     ///
-    /// The files are envelope.svg, envelope.html, envelope.json and rows.csv.
+    /// The files are envelope.json and rows.csv. `python3 -m alight DIR` draws it.
     #[arg(long, value_name = "DIR", default_value = "envelope")]
     pub out: PathBuf,
     /// Output format.

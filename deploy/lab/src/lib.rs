@@ -9,7 +9,6 @@ pub mod outcome_table;
 pub mod rare;
 pub mod record;
 pub mod replay_plot;
-pub mod report;
 pub mod scene;
 pub mod storm;
 pub mod study;
@@ -69,7 +68,7 @@ pub struct StudiesArgs {
 pub enum OtherStudy {
     /// Fly landings with several faults each; print broken rules.
     Storm(StormArgs),
-    /// Draw the winds and seas in which a drone lands on a boat.
+    /// Find the winds and seas in which a drone lands on a boat.
     Envelope(Box<EnvelopeArgs>),
     /// Estimate how often a landing is unsafe, by splitting.
     Rare(Box<RareArgs>),

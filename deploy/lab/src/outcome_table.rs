@@ -108,9 +108,10 @@ pub fn summary(s: &Summary) -> String {
     let (lo, hi) = wilson(s.successes, s.trials);
     let mut table = Table::new(1.., ["metric", "mean", "sd", "p95", "max"]);
     for (name, statistics) in &s.metrics {
-        let columns = statistics.map_or([None; 4], |f| [f.mean, f.sd, f.p95, f.max].map(Some));
-        let name = core::iter::once(Cell::from(name));
-        table.row(name.chain(columns.map(|v| Cell::number(v, 3))));
+        if let Some(f) = statistics {
+            let columns = [f.mean, f.sd, f.p95, f.max].map(|v| Cell::number(v, 3));
+            table.row(core::iter::once(Cell::from(name)).chain(columns));
+        }
     }
     let collisions = s.keep_out_collisions.map_or(String::new(), |n| {
         format!(", {}", plural(n, "keep-out collision"))
@@ -162,6 +163,7 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("success_rate_95", json!([lo, hi])),
         ("descents", json!(s.descents[0])),
         ("descents_ended_badly", json!(s.descents[1])),
+        ("rejected", json!(s.rejected)),
         ("unsafe", json!(s.unsafe_trials)),
         ("unsafe_at_most_95", json!(at_most_95(s.unsafe_trials, s.trials))),
         ("unsafe_contacts", json!(s.unsafe_contacts)),

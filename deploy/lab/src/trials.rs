@@ -136,7 +136,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
         let written = written.try_for_each(|r| r);
         written.doing("writing the rows")?;
     }
-    let summary = Summary::of(&outcomes);
+    let summary = Summary::of(&outcomes.iter().collect::<Vec<_>>());
     for o in outcomes.iter().filter(|o| !o.success) {
         let start = motion_start(o.seed).map_or_else(String::new, |s| format!(" --motion-start {s}"));
         let ended = wrapped(&format!("seed {}: {} ({})", o.seed, o.outcome.name(), o.reason));

@@ -40,20 +40,24 @@ class Study:
 
     rows     one outcome per landing (`rows.csv`): a pandas DataFrame, or without pandas a list of dicts; `sea` is the name
              of the study's row, `planner` the planner that flew it
-    summary  `summary.json`: for each row and planner, in the study's order, `scenario`, `planner`, `trials`,
-             `successes`, `success_rate_95`, and mean, sd, p95, max of each metric; `published` if the row has a
-             published counterpart
+    summary  `rows` of `summary.json`: for each row and planner, in the study's order, `scenario`, `planner`, `trials`,
+             `successes`, `success_rate_95`, mean, sd, p50, p95, max of each metric, `mean_95` (bootstrap intervals of the
+             means), `worst_seeds`, `against` (differences from the first planner on the same seeds); `replay` is the command
+             that repeats its trials; `published` if the row has a published counterpart
+    pooled   the same for pools of scenes, and for all of them
     """
 
     name: str
     rows: Any
     summary: List[Dict[str, Any]]
+    pooled: List[Dict[str, Any]] = dataclasses.field(default_factory=list)
 
     @staticmethod
     def read(directory: str) -> "Study":
         """Reads a study's --out directory."""
         rows = os.path.join(directory, "rows.csv")
-        return Study(os.path.basename(os.path.normpath(directory)), _rows(rows), _json(directory, "summary.json"))
+        value = _json(directory, "summary.json")
+        return Study(os.path.basename(os.path.normpath(directory)), _rows(rows), value["rows"], value["pooled"])
 
 
 # Names in envelopes of earlier releases.
@@ -141,7 +145,7 @@ def envelope(*, timeout_s: float = DAY_S, **flags: Any) -> Envelope:
     """Determines the relative winds and seas in which a drone lands on a boat: `alight study envelope`.
 
     Flags are those of `alight study envelope --help`: `envelope(quick=True, hull="mono-5m", winds=[4, 8])`. With `out="DIR"`
-    page and rows are kept there, and an interrupted run continues where it stopped. `timeout_s` is the maximum duration, s,
+    cells and rows are kept there, and an interrupted run continues where it stopped. `timeout_s` is the maximum duration, s,
     by default a day.
     """
     with tempfile.TemporaryDirectory(prefix="alight-") as directory:

@@ -24,7 +24,7 @@ DASHES = ["-", "--", "-.", ":"]
 GREY, EDGE = "#777777", "#555555"
 # Class of an envelope's cell: its pattern, and the fraction landed whose colour the legend shows.
 CLASSES = {"landed": ("", 1.0), "rejected": ("//", 0.0), "unsafe": ("xx", 0.0)}
-# Ends of the colour scale for the fraction landed, none to all: ColorBrewer's Blues, as in the program's own drawing.
+# Ends of the colour scale for the fraction landed, none to all: ColorBrewer's Blues.
 NONE_LANDED, ALL_LANDED = (222, 235, 247), (49, 130, 189)
 # Metric of Table II: name in the summary, label of the axis.
 TABLE2 = [
@@ -253,6 +253,44 @@ def table2(study: Study):
         wrap=True,
     )
     return drawn
+
+
+def curves(study: Study, metric: str = "position_error_m"):
+    """A study whose scenes have two axes, such as `link`: the mean of a metric, or the percentage that `landed`, over the choices
+    of the first axis, with a line for each choice of the second. A panel for each grid and planner."""
+    places: Dict[str, Dict[str, None]] = {}
+    for row in study.summary:
+        place, comma, line = row["scenario"].partition(", ")
+        if not comma:
+            raise AlightError(f"the scene {place} of the study {study.name} has one axis: curves need two")
+        places.setdefault(place, {})[line] = None
+    grids: Dict[tuple, List[str]] = {}
+    for place, lines in places.items():
+        grids.setdefault(tuple(lines), []).append(place)
+    planners = list(dict.fromkeys(row["planner"] for row in study.summary))
+    values = {(row["scenario"], row["planner"]): _value(row, metric) for row in study.summary}
+    drawn = figure.Figure(figsize=(6.0 * len(planners), 4.0 * len(grids)), layout="constrained")
+    axes = drawn.subplots(len(grids), len(planners), squeeze=False)
+    for row, (lines, across) in zip(axes, grids.items()):
+        for axis, planner in zip(row, planners):
+            for k, line in enumerate(lines):
+                heights = [values.get((f"{place}, {line}", planner), np.nan) for place in across]
+                style = {"color": COLOURS[k % len(COLOURS)], "marker": "osD^v"[k % 5]}
+                axis.plot(range(len(across)), heights, DASHES[k % len(DASHES)], label=line, **style)
+            axis.set_xticks(range(len(across)), across, rotation=20, fontsize="small")
+            axis.set_ylim(bottom=0.0)
+            axis.set_ylabel("landed, %" if metric == "landed" else metric)
+            axis.set_title(planner, fontsize="medium")
+            axis.grid(alpha=0.3)
+            axis.legend(fontsize="small")
+    return drawn
+
+
+def _value(row: Dict[str, Any], metric: str) -> float:
+    if metric == "landed":
+        return 100.0 * row["successes"] / row["trials"]
+    # Without a landing there are no measurements.
+    return row[metric]["mean"] if row.get(metric) else float("nan")
 
 
 def _rates(axis, rows: List[Dict[str, Any]], places, style) -> None:

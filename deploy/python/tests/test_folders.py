@@ -84,7 +84,13 @@ class Studies(unittest.TestCase):
     def test_directory_read_again(self):
         read = alight.read(self.out)
         self.assertIsInstance(read, alight.Study)
-        self.assertEqual(read.summary, self.study.summary)
+        self.assertEqual((read.summary, read.pooled), (self.study.summary, self.study.pooled))
+
+    def test_pool_of_all_scenes(self):
+        planners = [(p["scenario"], p["planner"], p["trials"]) for p in self.study.pooled]
+        self.assertEqual(planners, [("all", "alight", 2), ("all", "mpc-faa", 2)])
+        self.assertEqual(self.study.pooled[1]["against"]["pairs"], 2)
+        self.assertIn("alight trial --scenario", self.study.summary[0]["replay"])
 
     def test_directory_without_its_summary(self):
         with self.assertRaisesRegex(alight.AlightError, "not-there"):

@@ -158,6 +158,20 @@ class Tables(unittest.TestCase):
         planners = [len(axis.containers) for axis in self.figure.axes[1:]]
         self.assertEqual([m - p for m, p in zip(marks, planners)], [1, 1, 0])
 
+    def test_curves_of_two_grids(self):
+        names = [f"{loss} % lost, {late} s late" for loss in (0, 50) for late in (0, 1, 2)]
+        names += [f"outage in {state}, {lasts} s" for state in ("descent", "flare") for lasts in (1, 2)]
+        summary = [row(name, "alight", 0.1 * k, None) for k, name in enumerate(names)]
+        figure = alight.plots.curves(alight.Study("link", [], summary))
+        loss, outage = figure.axes
+        self.assertEqual(list(line(loss, "1 s late")[1]), [0.1, 0.4])
+        self.assertEqual((len(loss.get_lines()), len(outage.get_lines())), (3, 2))
+        landed = alight.plots.curves(alight.Study("link", [], summary), "landed")
+        self.assertEqual(list(line(landed.axes[1], "2 s")[1]), [95.0, 95.0])
+        written(figure)
+        with self.assertRaisesRegex(alight.AlightError, "one axis"):
+            alight.plots.curves(alight.Study("table2", [], [row("0,0", "alight", 0.1, None)]))
+
     def test_study_without_rows(self):
         with self.assertRaises(alight.AlightError):
             alight.plots.table2(alight.Study("empty", [], []))

@@ -42,76 +42,64 @@ pub struct Rates {
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Scenario of the comparison; None: all scenarios.
-    pub scenario: Option<String>,
+    /// Planner with which another is compared.
     pub first: String,
-    pub other: String,
     pub pairs: usize,
     pub rates: Rates,
     pub differences: Vec<Difference>,
 }
 
-type Pair<'a> = (&'a Outcome, &'a Outcome);
-
-/// Outcomes that exist for both planners, matched by scenario and seed.
-pub fn pairs<'a>(outcomes: &'a [Outcome], scenario: Option<&str>, first: &str, other: &str) -> Vec<Pair<'a>> {
-    let flown_by = |planner: &str| -> BTreeMap<(&'a str, u64), &'a Outcome> {
-        outcomes
-            .iter()
-            .filter(|o| o.planner == planner && scenario.is_none_or(|s| s == o.sea))
-            .map(|o| ((o.sea.as_str(), o.seed), o))
-            .collect()
-    };
-    let others = flown_by(other);
-    flown_by(first)
-        .into_iter()
-        .filter_map(|(key, a)| others.get(&key).map(|b| (a, *b)))
-        .collect()
+/// Outcomes of two planners in the same scenario with the same seed.
+struct Pair<'a> {
+    first: &'a Outcome,
+    other: &'a Outcome,
 }
 
-/// A `scenario` of None means all of them. None without a common seed.
-pub fn compare(outcomes: &[Outcome], scenario: Option<&str>, first: &str, other: &str) -> Option<Comparison> {
-    let pairs = pairs(outcomes, scenario, first, other);
-    let n = pairs.len();
-    let count = |f: &dyn Fn(&Pair<'_>) -> bool| pairs.iter().filter(|p| f(p)).count();
-    let successes = [count(&|p| p.0.success), count(&|p| p.1.success)];
+/// Compares another planner's outcomes with the first one's. None without a common scenario and seed.
+pub fn compare(first: &[&Outcome], other: &[&Outcome]) -> Option<Comparison> {
+    let others: BTreeMap<(&str, u64), &Outcome> =
+        other.iter().map(|o| ((o.sea.as_str(), o.seed), *o)).collect();
+    let pairs: Vec<Pair<'_>> = first
+        .iter()
+        .filter_map(|first| {
+            let other = others.get(&(first.sea.as_str(), first.seed))?;
+            Some(Pair { first, other })
+        })
+        .collect();
+    let count = |is_counted: fn(&Pair<'_>) -> bool| pairs.iter().filter(|p| is_counted(p)).count();
+    let successes = [count(|p| p.first.success), count(|p| p.other.success)];
     let changes: Vec<f64> = pairs
         .iter()
-        .map(|(a, b)| f64::from(i8::from(b.success) - i8::from(a.success)))
+        .map(|p| f64::from(i8::from(p.other.success) - i8::from(p.first.success)))
         .collect();
     let rates = Rates {
         successes,
-        wilson: successes.map(|s| wilson(s, n).into()),
+        wilson: successes.map(|s| wilson(s, pairs.len()).into()),
         only: [
-            count(&|p| p.0.success && !p.1.success),
-            count(&|p| p.1.success && !p.0.success),
+            count(|p| p.first.success && !p.other.success),
+            count(|p| p.other.success && !p.first.success),
         ],
-        difference: changes.iter().sum::<f64>() / n.max(1) as f64,
+        difference: changes.iter().sum::<f64>() / pairs.len().max(1) as f64,
         interval: bootstrap_mean(&changes)?,
     };
-    let differences = COMPARED
-        .iter()
-        .filter_map(|(metric, f)| {
-            let d: Vec<f64> = pairs
-                .iter()
-                .filter_map(|(a, b)| Some(f(b)? - f(a)?))
-                .filter(|d| d.is_finite())
-                .collect();
-            Some(Difference {
-                metric,
-                interval: bootstrap_mean(&d)?,
-                mean: d.iter().sum::<f64>() / d.len() as f64,
-                pairs: d.len(),
-            })
+    let difference = |(metric, value): &OutcomeMetric| {
+        let changes: Vec<f64> = pairs
+            .iter()
+            .filter_map(|p| Some(value(p.other)? - value(p.first)?))
+            .filter(|d| d.is_finite())
+            .collect();
+        Some(Difference {
+            metric,
+            interval: bootstrap_mean(&changes)?,
+            mean: changes.iter().sum::<f64>() / changes.len() as f64,
+            pairs: changes.len(),
         })
-        .collect();
+    };
     Some(Comparison {
-        scenario: scenario.map(Into::into),
-        first: first.into(),
-        other: other.into(),
-        pairs: n,
+        first: pairs.first()?.first.planner.clone(),
+        pairs: pairs.len(),
         rates,
-        differences,
+        differences: COMPARED.iter().filter_map(difference).collect(),
     })
 }
 
@@ -127,6 +115,10 @@ mod tests {
             ..Judge::default().outcome(seed, sea, planner, 1.0)
         }
     }
+    fn compared(all: &[Outcome]) -> Option<Comparison> {
+        let (first, other): (Vec<&Outcome>, Vec<&Outcome>) = all.iter().partition(|o| o.planner == "a");
+        compare(&first, &other)
+    }
 
     #[test]
     fn paired_difference_without_the_common_sea() {
@@ -139,7 +131,7 @@ mod tests {
         }
         all.push(flown("b", "x", 99, Some(9.0), false));
         all.push(flown("b", "y", 1, Some(9.0), false));
-        let c = compare(&all, Some("x"), "a", "b").unwrap();
+        let c = compared(&all).unwrap();
         assert_eq!(
             (c.pairs, c.rates.successes, c.rates.only),
             (40, [40, 30], [10, 0])
@@ -148,7 +140,8 @@ mod tests {
         assert!((d.mean - 0.05).abs() < 1e-12 && d.interval.iter().all(|i| (i - 0.05).abs() < 1e-12));
         assert!((c.rates.difference + 0.25).abs() < 1e-12);
         assert!(c.rates.interval[0] < -0.25 && c.rates.interval[1] > -0.25);
-        assert!(compare(&all, Some("y"), "a", "b").is_none());
+        all.retain(|o| (&o.planner, &o.sea) != (&"b".into(), &"x".into()));
+        assert!(compared(&all).is_none());
     }
 
     #[test]
@@ -159,7 +152,7 @@ mod tests {
             flown("a", "x", 2, Some(0.1), true),
             flown("b", "x", 2, Some(0.4), true),
         ];
-        let c = compare(&all, None, "a", "b").unwrap();
+        let c = compared(&all).unwrap();
         assert_eq!((c.pairs, c.differences[0].pairs), (2, 1));
         assert!((c.differences[0].mean - 0.3).abs() < 1e-12);
     }

@@ -7,14 +7,16 @@ use crate::harness::outcome::{Ending, Outcome};
 pub struct SampleStatistics {
     pub mean: f64,
     pub sd: f64,
+    pub p50: f64,
     pub p95: f64,
     pub max: f64,
 }
 
 impl SampleStatistics {
-    /// None without values. Percentile and maximum use the signed values; `sd` is the spread of these values.
+    /// None without values. Percentiles and maximum use the signed values; `sd` is the spread of these values.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<SampleStatistics> {
         let mut v: Vec<f64> = values.into_iter().filter(|x| x.is_finite()).collect();
+        let p50 = quantile(&mut v, 0.5)?;
         let p95 = quantile(&mut v, 0.95)?;
         let n = v.len() as f64;
         let (last, mean) = (*v.last()?, v.iter().sum::<f64>() / n);
@@ -22,6 +24,7 @@ impl SampleStatistics {
         Some(SampleStatistics {
             mean,
             sd: var.sqrt(),
+            p50,
             p95,
             max: last,
         })
@@ -130,6 +133,7 @@ pub const METRICS: &[OutcomeMetric] = &[
     ("attempts", |o| Some(f64::from(o.attempts))),
     ("sim_time_s", |o| Some(o.sim_time_s)),
     ("wall_time_s", |o| Some(o.wall_time_s)),
+    ("solve_p99_ms", |o| o.solve_p99_ms),
 ];
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -186,10 +190,12 @@ fn without_numbers(text: &str) -> String {
 pub struct Summary {
     pub trials: usize,
     pub successes: usize,
+    /// Number of trials without a landing in time and without a contact beyond its limits.
+    pub rejected: usize,
     /// Number of descents begun, and number of those that ended badly: neither at rest on the deck nor
     /// aborted without contact.
     pub descents: [u32; 2],
-    /// Number of trials that are neither a success nor [`Outcome::is_rejected`].
+    /// Number of all other trials.
     pub unsafe_trials: usize,
     pub unsafe_contacts: u32,
     pub water_contacts: u32,
@@ -251,30 +257,27 @@ fn ended_badly(o: &Outcome) -> bool {
 }
 
 impl Summary {
-    pub fn of(outcomes: &[Outcome]) -> Summary {
-        let touched = || outcomes.iter().filter(|o| o.position_error_m.is_some());
-        let estimated =
-            |of: fn(&Outcome) -> Option<(f64, bool)>| outcomes.iter().filter_map(of).collect::<Vec<_>>();
+    pub fn of(outcomes: &[&Outcome]) -> Summary {
+        let all = || outcomes.iter().copied();
+        let touched = || all().filter(|o| o.position_error_m.is_some());
+        let estimated = |of: fn(&Outcome) -> Option<(f64, bool)>| all().filter_map(of).collect::<Vec<_>>();
         Summary {
             trials: outcomes.len(),
             likelihood: binned(&LIKELIHOODS, &estimated(|o| Some((o.likelihood?, has_landed(o))))),
             harm: binned(&HARMS, &estimated(|o| Some((o.harm?, o.is_unsafe())))),
-            successes: outcomes.iter().filter(|o| o.success).count(),
+            successes: all().filter(|o| o.success).count(),
+            rejected: all().filter(|o| o.is_rejected()).count(),
             descents: [
-                outcomes.iter().map(|o| o.attempts).sum(),
-                outcomes.iter().map(|o| u32::from(ended_badly(o))).sum(),
+                all().map(|o| o.attempts).sum(),
+                all().map(|o| u32::from(ended_badly(o))).sum(),
             ],
-            unsafe_trials: outcomes.iter().filter(|o| o.is_unsafe()).count(),
-            unsafe_contacts: outcomes.iter().map(|o| o.unsafe_contacts).sum(),
-            water_contacts: outcomes.iter().map(|o| o.water_contacts).sum(),
-            keep_out_collisions: outcomes
-                .iter()
-                .filter_map(|o| o.keep_out_collisions)
-                .reduce(|a, b| a + b),
-            contacts_above_2_mps: outcomes.iter().map(|o| o.contacts_above_2_mps).sum(),
+            unsafe_trials: all().filter(|o| o.is_unsafe()).count(),
+            unsafe_contacts: all().map(|o| o.unsafe_contacts).sum(),
+            water_contacts: all().map(|o| o.water_contacts).sum(),
+            keep_out_collisions: all().filter_map(|o| o.keep_out_collisions).reduce(|a, b| a + b),
+            contacts_above_2_mps: all().map(|o| o.contacts_above_2_mps).sum(),
             failures: count_failures(
-                outcomes
-                    .iter()
+                all()
                     .filter(|o| !o.success)
                     .map(|o| (o.outcome, o.reason.as_str(), o.seed)),
             ),
@@ -388,7 +391,7 @@ mod tests {
     #[test]
     fn sample_statistics_of_a_known_set() {
         let f = SampleStatistics::of((1..=100).map(f64::from)).unwrap();
-        assert_eq!((f.mean, f.p95, f.max), (50.5, 95.0, 100.0));
+        assert_eq!((f.mean, f.p50, f.p95, f.max), (50.5, 50.0, 95.0, 100.0));
         assert!(SampleStatistics::of([]).is_none());
     }
 }

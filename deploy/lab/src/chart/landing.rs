@@ -142,7 +142,6 @@ fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>, shared: bool) ->
         shared,
         across: -PANEL_S..0.0,
         up: range_of(drawn.iter().flat_map(|l| l.points.iter().map(|p| p.1))),
-        places: None,
     };
     lines(area, &axes, &drawn)
 }
@@ -161,7 +160,6 @@ fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
         shared: false,
         across: ce - half * stretch..ce + half * stretch,
         up: cn - half..cn + half,
-        places: None,
     };
     let line = |name: &str, colour, pattern: usize, points: Vec<(f64, f64)>| Line {
         name: name.into(),

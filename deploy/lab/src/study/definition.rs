@@ -9,29 +9,26 @@ use clap::builder::PossibleValue;
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-const SHIPPED: [(&str, &str); 13] = [
-    ("table2", include_str!("../../../../tests/studies/table2.toml")),
-    ("seas", include_str!("../../../../tests/studies/seas.toml")),
-    ("moving", include_str!("../../../../tests/studies/moving.toml")),
-    ("rocking", include_str!("../../../../tests/studies/rocking.toml")),
-    ("wind", include_str!("../../../../tests/studies/wind.toml")),
-    ("sensors", include_str!("../../../../tests/studies/sensors.toml")),
-    ("size", include_str!("../../../../tests/studies/size.toml")),
-    ("link", include_str!("../../../../tests/studies/link.toml")),
-    ("faa", include_str!("../../../../tests/studies/faa.toml")),
-    ("budget", include_str!("../../../../tests/studies/budget.toml")),
-    (
-        "underway",
-        include_str!("../../../../tests/studies/underway.toml"),
-    ),
-    (
-        "ablation",
-        include_str!("../../../../tests/studies/ablation.toml"),
-    ),
-    (
-        "benchmark",
-        include_str!("../../../../tests/studies/benchmark.toml"),
-    ),
+macro_rules! shipped {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../../tests/studies/", $name, ".toml")))),*]
+    };
+}
+
+const SHIPPED: &[(&str, &str)] = shipped![
+    "table2",
+    "seas",
+    "moving",
+    "rocking",
+    "wind",
+    "sensors",
+    "size",
+    "link",
+    "faa",
+    "budget",
+    "underway",
+    "ablation",
+    "benchmark",
 ];
 
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
@@ -81,13 +78,7 @@ pub struct StudyAxis {
 #[serde(deny_unknown_fields)]
 pub struct StudyGrid {
     pub axis: Vec<StudyAxis>,
-    /// Drawn as curves over one axis, one curve for each choice of the other.
-    #[serde(default)]
-    pub curves: bool,
 }
-
-/// Value of [`Definition::pooled_by`] that pools outcomes by row instead of by axis.
-pub const BY_ROW: &str = "row";
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -106,7 +97,7 @@ pub struct Definition {
     pub row: Vec<Changes>,
     #[serde(default)]
     pub grid: Vec<StudyGrid>,
-    /// Axis by whose choices outcomes are pooled, or [`BY_ROW`].
+    /// Axis by whose choices outcomes are pooled.
     pub pooled_by: Option<String>,
     /// Planner whose published values are shown next to planners without published values.
     #[serde(default)]
@@ -141,9 +132,10 @@ pub fn parse(text: &str, origin: &str) -> Result<Definition, CliError> {
         let why = format!("the axis `{}` has no choice; give it one", axis.name);
         return Err(CliError::because(doing(), why));
     }
-    let by = definition.pooled_by.as_deref().unwrap_or(BY_ROW);
-    if by != BY_ROW && axes.clone().all(|a| a.name != by) {
-        let why = format!("pooled_by = \"{by}\" is not an axis; name one, or \"{BY_ROW}\"");
+    if let Some(by) = &definition.pooled_by
+        && axes.clone().all(|a| a.name != *by)
+    {
+        let why = format!("pooled_by = \"{by}\" is not the name of an axis of a [[grid]]");
         return Err(CliError::because(doing(), why));
     }
     if definition.row.is_empty() && definition.grid.is_empty() {
@@ -179,7 +171,10 @@ pub(super) mod tests {
         for (text, why) in [
             ("title = \"x\"", "no scene"),
             ("title = \"x\"\nrows = []", "unknown field `rows`"),
-            ("title = \"x\"\npooled_by = \"hull\"\n[[row]]", "not an axis"),
+            (
+                "title = \"x\"\npooled_by = \"hull\"\n[[row]]",
+                "the name of an axis",
+            ),
             (
                 "title = \"x\"\n[[grid]]\n[[grid.axis]]\nname = \"hull\"\nchoice = []",
                 "no choice",

@@ -1,13 +1,11 @@
 //! `alight study`: one quantity measured over many seeds.
 
-mod benchmark;
 pub mod definition;
 pub mod envelope;
 mod motion;
-pub mod pooled;
-mod report;
 mod rows;
 mod run;
+mod table;
 mod tasks;
 
 use alight_computer::exit::{CliError, Doing, Exit};
@@ -68,15 +66,15 @@ fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
         return motion::write(directory, &rows.rows, run.seed0, run.alone);
     }
     let outcomes = run::fly_grid(&run, &rows.rows)?;
-    let study = report::Study {
-        title: &definition.title,
+    let study = table::Study {
+        args,
         program,
         definition: &definition,
         rows: &rows,
         hash: &run.configuration,
         outcomes: &outcomes,
     };
-    report::publish(args, &study)
+    study.publish()
 }
 
 fn merge(args: &StudyArgs, program: &str) -> Result<(), CliError> {
@@ -92,13 +90,13 @@ fn merge(args: &StudyArgs, program: &str) -> Result<(), CliError> {
     let file = first.join(run::STUDY_FILE).display().to_string();
     let definition = definition::parse(&definition::text(&file)?, &file)?;
     let rows = rows::expand(&definition, args).doing(format_args!("study {file}"))?;
-    let study = report::Study {
-        title: &definition.title,
+    let study = table::Study {
+        args,
         program,
         definition: &definition,
         rows: &rows,
         hash: &hash,
         outcomes: &outcomes,
     };
-    report::publish(args, &study)
+    study.publish()
 }

@@ -18,8 +18,7 @@ use alight_usv::computer::ComputerIn;
 use nalgebra::Vector3;
 
 use super::rows::StudyRow;
-use super::run::file_stem;
-use crate::report::document::write_files;
+use super::run::{file_stem, write_files};
 
 const ABOUT: &str = "NAME.csv: true motion of the deck's centre every 0.02 s. roll_deg (starboard down), pitch_deg (bow up),
 heading_deg; heave_m (up), surge_m and sway_m (along and to starboard of the mean heading) about their means.

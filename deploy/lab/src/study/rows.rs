@@ -14,10 +14,12 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use toml::{Table, Value};
 
-use super::definition::{BY_ROW, Changes, Definition, PublishedResult, StudyAxis, StudyGrid};
+use super::definition::{Changes, Definition, PublishedResult, StudyAxis, StudyGrid};
 use crate::args::{PlannerChoice, SceneArgs, StudyArgs};
 use crate::scene::Scene;
 
+/// Axis of the rows that are not part of a grid.
+const ROWS: &str = "row";
 /// Tables of configuration keys in a study's row, each named after the flag for that file.
 const TABLES: [&str; 3] = ["scenario", "vessel_config", "drone_config"];
 
@@ -50,10 +52,7 @@ impl StudyRow {
     }
 }
 
-/// Names of the choices of a grid's two axes, for curves.
-pub struct CurveAxes(pub [(String, Vec<String>); 2]);
-
-pub fn joined<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+fn joined<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
     let names: Vec<&str> = names.into_iter().filter(|n| !n.is_empty()).collect();
     names.join(", ")
 }
@@ -106,7 +105,7 @@ fn subject(flag: &str) -> String {
 fn narrow(axis: &mut StudyAxis, given: &[(&str, String)]) {
     let varied = |flag: &str| {
         let mut set = axis.choice.iter().map(|c| c.value(&subject(flag)).is_some());
-        if axis.name == BY_ROW {
+        if axis.name == ROWS {
             set.all(|s| s)
         } else {
             set.any(|s| s)
@@ -246,8 +245,6 @@ fn planners(definition: &Definition, wanted: &[PlannerChoice]) -> Result<Vec<Cha
 
 pub struct Rows {
     pub rows: Vec<StudyRow>,
-    /// Grids that are drawn as curves.
-    pub curves: Vec<CurveAxes>,
     /// No flag has removed a scene.
     pub whole: bool,
 }
@@ -268,13 +265,10 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
     let given = args.scene.given();
     let planners = planners(definition, &args.planners)?;
     let rows = StudyAxis {
-        name: BY_ROW.into(),
+        name: ROWS.into(),
         choice: definition.row.clone(),
     };
-    let rows = (!definition.row.is_empty()).then(|| StudyGrid {
-        axis: vec![rows],
-        curves: false,
-    });
+    let rows = (!definition.row.is_empty()).then(|| StudyGrid { axis: vec![rows] });
     let mut grids: Vec<StudyGrid> = rows.into_iter().chain(definition.grid.iter().cloned()).collect();
     let count = |grids: &[StudyGrid]| grids.iter().map(|g| combinations(&g.axis).len()).sum::<usize>();
     let all = count(&grids);
@@ -284,7 +278,6 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
         .for_each(|axis| narrow(axis, &given));
     let mut out = Rows {
         rows: Vec::new(),
-        curves: Vec::new(),
         whole: count(&grids) == all,
     };
     let (mut names, mut remarks) = (BTreeSet::new(), BTreeSet::new());
@@ -314,10 +307,6 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
                 }
                 out.rows.push(row);
             }
-        }
-        let named = |a: &StudyAxis| (a.name.clone(), a.choice.iter().map(|c| c.name.clone()).collect());
-        if let (true, [a, b]) = (grid.curves, &grid.axis[..]) {
-            out.curves.push(CurveAxes([named(a), named(b)]));
         }
     }
     remarks.iter().for_each(|r| terminal::note(true, r));

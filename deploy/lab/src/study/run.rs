@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use alight_computer::config::{DroneFile, VesselComputerConfig, method};
-use alight_computer::exit::CliError;
+use alight_computer::exit::{CliError, Doing};
 use alight_computer::terminal::note;
 use alight_shared::wire;
 use alight_sim::harness::outcome::Outcome;
@@ -202,6 +202,15 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
             std::fs::create_dir_all(dir).map_err(|e| because(&e))?;
         }
         std::fs::write(&path, text).map_err(|e| because(&e))?;
+    }
+    Ok(())
+}
+
+pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
+    std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
+    for (name, text) in files {
+        let path = out.join(name);
+        std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
     }
     Ok(())
 }

@@ -85,6 +85,7 @@ impl EnvelopeCell {
             "landed": self.landed, "landed_interval": wilson(self.landed, self.trials),
             "rejected": self.rejected, "rejected_interval": wilson(self.rejected, self.trials),
             "hold_n": self.hold_n, "unsafe": self.unsafe_count(), "unsafe_interval": wilson(self.unsafe_count(), self.trials),
+            "unsafe_seeds": self.unsafe_seeds, "mostly": self.reason,
         })
     }
 }

@@ -1,9 +1,8 @@
-//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat, as a polar
-//! diagram (navies call it ship-helicopter operating limits).
+//! `alight study envelope`: the relative winds, directions and seas in which a drone lands on a boat (navies call it
+//! ship-helicopter operating limits). The Python module draws it.
 
 mod grid;
 mod hold;
-mod polar;
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,18 +12,17 @@ use alight_computer::table::{Cell, Table};
 use alight_computer::terminal::{note, wrapped};
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95, wilson};
+use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95};
 use serde_json::{Value, json};
 
-use super::report::replay_command;
 use super::rows::StudyRow;
-use super::run::{self, GridRun};
+use super::run::{self, GridRun, write_files};
+use super::table::replay_command;
 use crate::args::EnvelopeArgs;
-use crate::report::document::{Block, Chart, Document, write_files};
 use crate::scene::Scene;
 use grid::{EnvelopeCell, EnvelopeGrid};
 
-/// Maximum number of unsafe landings with a replay command on the page.
+/// Maximum number of unsafe landings that are printed with a replay command.
 const MAX_UNSAFE: usize = 12;
 const HOLD_TITLE: &str =
     "hold_n, N, with which a landed drone stays in every wind flown (0: friction is enough; -: over 1 kN)";
@@ -61,7 +59,7 @@ fn waits_for(failure: &FailureCount) -> String {
 fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Vec<EnvelopeCell> {
     let cell = |((state, wind_mps, from_deg), hold_n): (_, &Option<f64>)| {
         let name = name(state, wind_mps, from_deg);
-        let set: Vec<Outcome> = outcomes.iter().filter(|o| o.sea == name).cloned().collect();
+        let set: Vec<&Outcome> = outcomes.iter().filter(|o| o.sea == name).collect();
         let summary = Summary::of(&set);
         EnvelopeCell {
             state,
@@ -69,7 +67,7 @@ fn cells(grid: &EnvelopeGrid, outcomes: &[Outcome], holds: &[Option<f64>]) -> Ve
             from_deg,
             trials: summary.trials,
             landed: summary.successes,
-            rejected: set.iter().filter(|o| o.is_rejected()).count(),
+            rejected: summary.rejected,
             unsafe_seeds: set.iter().filter(|o| o.is_unsafe()).map(|o| o.seed).collect(),
             reason: summary.failures.first().map(waits_for).unwrap_or_default(),
             hold_n: *hold_n,
@@ -137,20 +135,22 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
     let title = format!("Landing envelope of {boat}");
     let limits = by_direction(&grid, |state, from| grid.limit(&cells, state, from));
     let needed = by_direction(&grid, |state, from| grid.hold_n(&cells, state, from));
-    note(
-        args.form.alone(),
-        format_args!(
-            "{}\n{}\n{}\n{}\n{}",
-            wrapped(&format!(
-                "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)",
-                100.0 * grid.rate
-            )),
-            limits.text(),
-            wrapped(&bound(&cells)),
-            wrapped(HOLD_TITLE),
-            needed.text()
-        ),
-    );
+    let texts = [
+        wrapped(&format!(
+            "{title}: relative wind, m/s, up to which at least {:.0} % land (-: not shown for the lightest)",
+            100.0 * grid.rate
+        )),
+        limits.text(),
+        wrapped(&bound(&cells)),
+        wrapped(HOLD_TITLE),
+        needed.text(),
+    ];
+    for text in texts
+        .iter()
+        .chain(&unsafe_landings(&args.out, &scenes, &outcomes))
+    {
+        note(args.form.alone(), text);
+    }
     let rows: Vec<Value> = cells.iter().map(|c| c.json(grid.rate)).collect();
     let value = json!({
         "hull": boat, "configuration": hash, "grid": { "sea_states": grid.states, "winds_mps": grid.winds,
@@ -158,26 +158,13 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         "rate": grid.rate, "too_few": grid.too_few(),
         "cells": rows,
     });
-    let svg = polar::draw(&grid, &cells, &title).map_err(|e| CliError::because("drawing the envelope", e))?;
-    let page = document(
-        &grid,
-        &cells,
-        [limits, needed],
-        (&title, &hash),
-        &svg,
-        &unsafe_landings(&args.out, &scenes, &outcomes),
-    );
-    write_files(
-        &args.out,
-        &[
-            ("envelope.svg", svg),
-            ("envelope.html", page.html()),
-            ("envelope.json", value.to_string()),
-        ],
-    )?;
+    write_files(&args.out, &[("envelope.json", value.to_string())])?;
     note(
         args.form.alone(),
-        format_args!("written: {}", args.out.join("envelope.html").display()),
+        format_args!(
+            "written: {0}/envelope.json; python3 -m alight {0} draws it",
+            args.out.display()
+        ),
     );
     args.form.print(&value, &rows)?;
     Ok(Exit::Success)
@@ -228,87 +215,6 @@ fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<S
         .take(MAX_UNSAFE)
         .map(line)
         .collect()
-}
-
-fn document(
-    grid: &EnvelopeGrid,
-    cells: &[EnvelopeCell],
-    [limits, needed]: [Table; 2],
-    (title, hash): (&str, &str),
-    svg: &str,
-    unsafe_landings: &[String],
-) -> Document {
-    let heads = [
-        "sea state",
-        "wind m/s",
-        "from deg",
-        "landed",
-        "95 %",
-        "rejected",
-        "95 %",
-        "unsafe",
-        "95 %",
-        "class",
-        "hold N",
-        "mostly",
-    ];
-    let mut table = Table::new(1..9, heads);
-    for c in cells {
-        let interval = |n: usize| {
-            let (lo, hi) = wilson(n, c.trials);
-            Cell::from(format_args!("{:.0}-{:.0} %", 100.0 * lo, 100.0 * hi))
-        };
-        let bad = c.unsafe_count();
-        let count = Cell::from(bad);
-        table.row([
-            c.state.into(),
-            c.wind_mps.into(),
-            Cell::number(c.from_deg, 0),
-            format_args!("{}/{}", c.landed, c.trials).into(),
-            interval(c.landed),
-            c.rejected.into(),
-            interval(c.rejected),
-            if bad == 0 { count } else { count.judged(false) },
-            interval(bad),
-            c.class(grid.rate).name().into(),
-            Cell::number(c.hold_n, 0),
-            (&c.reason).into(),
-        ]);
-    }
-    let mut blocks = vec![
-        Block::Text(format!(
-            "Landings tried in each cell, in the simulated world: {}; configuration {hash}. The wind is relative to the \
-             vessel, 10 m above the water, with gusts; the waves are a fully developed sea of the state's mean height and \
-             come from where the wind does. Rejected: no landing in time, and no contact beyond its limits. Unsafe: \
-             everything else that is no landing. The darker a cell, the more of those tried landed; it is unsafe where \
-             one landing was, landed where at least {rate:.0} % of those tried landed, rejected otherwise. The line is the limit: up to it every cell was landed in at least \
-             {rate:.0} % of all cases by the lower end of Wilson's 95 % interval, and none was unsafe.",
-            grid.trials,
-            rate = 100.0 * grid.rate
-        )),
-        Block::Text(format!("Over all cells, {}.", bound(cells))),
-        Block::Chart(Chart {
-            caption: "Landed, rejected, unsafe by relative wind and sea state".into(),
-            svg: svg.into(),
-        }),
-        Block::Heading("The limit, m/s (-: not shown for the lightest wind)".into()),
-        Block::Table(limits),
-        Block::Heading(HOLD_TITLE.into()),
-        Block::Table(needed),
-        Block::Heading("All cells".into()),
-        Block::Table(table),
-    ];
-    if let Some(why) = grid.too_few() {
-        blocks.insert(1, Block::Text(format!("No limit: {why}.")));
-    }
-    if !unsafe_landings.is_empty() {
-        blocks.push(Block::Heading("Unsafe landings".into()));
-        blocks.push(Block::Lines(unsafe_landings.to_vec()));
-    }
-    Document {
-        title: title.into(),
-        blocks,
-    }
 }
 
 #[cfg(test)]
@@ -427,48 +333,12 @@ mod tests {
     }
 
     #[test]
-    fn envelope_colours_by_the_fraction_that_landed() {
-        // In the landed class, the darker of two cells has more landings.
-        let light = |landed: f64| {
-            let c = polar::colour(Class::Landed, landed / 5.0);
-            0.2126 * f64::from(c.0) + 0.7152 * f64::from(c.1) + 0.0722 * f64::from(c.2)
-        };
-        let steps: Vec<f64> = (0..5)
-            .map(|k| light(f64::from(k)) - light(f64::from(k + 1)))
-            .collect();
-        assert!(steps.iter().all(|darker| *darker > 15.0), "{steps:?}");
-        assert!(light(3.0) - light(5.0) > 30.0);
-        let grid = EnvelopeGrid::of(&args(
-            "--winds 4,8 --directions 4 --sea-states 3 --trials 4 --rate 50",
-        ));
-        let svg = polar::draw(&grid, &[cell(4.0, 4, 0), cell(8.0, 2, 2)], "E").unwrap();
-        for landed in [1.0, 0.5] {
-            let c = polar::colour(Class::Landed, landed);
-            let written = format!("#{:02X}{:02X}{:02X}", c.0, c.1, c.2);
-            assert!(svg.contains(&written), "{written}: {svg}");
-        }
-    }
-
-    #[test]
-    fn envelope_picture_of_every_cell() {
-        let grid = EnvelopeGrid::of(&args("--winds 4,8 --directions 4 --sea-states 3 --trials 4"));
+    fn envelope_bound_over_all_draws() {
         let cells = [cell(4.0, 4, 0), cell(8.0, 2, 1)];
-        let svg = polar::draw(&grid, &cells, "Envelope of <one>").unwrap();
-        assert!(
-            svg.starts_with("<svg") && svg.contains("4/4") && svg.contains("!1/4"),
-            "{svg}"
-        );
-        assert!(svg.contains("no limit") && svg.contains("35"), "{svg}");
-        assert!(svg.contains("sea state 3: 0.9 m, 4.7 s") && !svg.contains("<one>"));
-        let tables = [
-            by_direction(&grid, |s, from| grid.limit(&cells, s, from)),
-            by_direction(&grid, |s, from| grid.hold_n(&cells, s, from)),
-        ];
-        let page = document(&grid, &cells, tables, ("E", "h"), &svg, &[]).html();
-        assert!(page.contains("<svg") && page.contains("51-100 %") && !page.contains("src="));
-        assert!(
-            page.contains("unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 %"),
-            "{page}"
+        assert_eq!(
+            bound(&cells),
+            "unsafe: 1 of 8 landings, in 1 of 4 draws of sea and wind; of all draws, with 95 % confidence, at most 75.1 % \
+             are unsafe in a cell"
         );
     }
 }
