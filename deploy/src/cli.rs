@@ -9,6 +9,7 @@ use alight_computer::drone::{autopilot, bridge, camera, mission, pilot};
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
 use alight_computer::process::run;
+use alight_computer::subject::SHIPPED;
 use alight_computer::{drone, terminal, vessel};
 #[cfg(feature = "lab")]
 use alight_lab as lab;
@@ -16,7 +17,7 @@ use alight_people::explain;
 use alight_people::status::command as status;
 use alight_people::tools::replay::Laboratory;
 use alight_people::tools::{
-    check, command, config, estimate, flights, init, keys, replay, schema, tag, view,
+    check, config, estimate, example, flights, init, keys, order, replay, schema, tag, view,
 };
 #[cfg(feature = "calibrate")]
 use alight_plugins::calibrate;
@@ -53,7 +54,7 @@ alight land                 one landing of all processes\n  \
 alight rehearse             what the packages install\n  \
 alight explain MESSAGE      what to do about a message\n  \
 alight help install         a page: start install sensors\n  \
-camera radio autopilots envelope crew operate view.md\n  \
+camera radio autopilots envelope crew operate view\n  \
 ground-station commands examples planners firmware\n  \
 recordings\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
@@ -63,7 +64,7 @@ pub struct Cli {
 }
 
 const GROUPS: [(&str, &[&str]); 3] = [
-    ("Simulate", &["trial", "study", "land", "rehearse"]),
+    ("Simulate", &["trial", "study", "land", "rehearse", "example"]),
     (
         "Install",
         &[
@@ -80,9 +81,7 @@ const GROUPS: [(&str, &[&str]); 3] = [
     ),
     (
         "Operate",
-        &[
-            "status", "view", "command", "ros2", "signalk", "flights", "replay",
-        ],
+        &["status", "view", "order", "ros2", "signalk", "flights", "replay"],
     ),
 ];
 
@@ -107,7 +106,7 @@ pages! {
     "commands" "examples" "planners" "firmware" "recordings"
 }
 
-/// Page of the topic in `alight help TOPIC`; `view.md` is the page, `view` the command.
+/// Page of the topic in `alight help TOPIC`, before a command of that name: `alight view --help` prints its flags.
 fn page(typed: &[OsString]) -> Option<&'static str> {
     let [_, help, topic] = typed else { return None };
     let topic = topic.to_str().filter(|_| help == "help")?;
@@ -187,7 +186,12 @@ fn expected(cause: &(dyn Error + 'static)) -> Option<&'static str> {
 impl Cli {
     /// Reads the command line. On an error or a request for help, prints it and ends the process.
     pub fn read() -> Cli {
-        let (cli, typed) = (Cli::grouped(), std::env::args_os().collect::<Vec<_>>());
+        let typed: Vec<OsString> = std::env::args_os().collect();
+        if let Some(page) = page(&typed) {
+            terminal::line(page.trim_end());
+            std::process::exit(0);
+        }
+        let cli = Cli::grouped();
         let matches = cli.clone().try_get_matches_from(&typed);
         matches
             .and_then(|m| Cli::from_arg_matches(&m))
@@ -195,12 +199,8 @@ impl Cli {
     }
     /// Prints help, or the error of `command` with the expected input, and ends the process.
     fn reject(mut e: clap::Error, command: &Clap, typed: &[OsString]) -> ! {
-        if let Some(help) = command::help(command, typed).filter(|_| e.kind() == ErrorKind::DisplayHelp) {
+        if let Some(help) = order::help(command, typed).filter(|_| e.kind() == ErrorKind::DisplayHelp) {
             terminal::line(help.trim_end());
-            std::process::exit(0);
-        }
-        if let Some(page) = page(typed).filter(|_| e.kind() == ErrorKind::InvalidSubcommand) {
-            terminal::line(page.trim_end());
             std::process::exit(0);
         }
         if let Some(ContextValue::String(typed)) = e.get(ContextKind::InvalidArg)
@@ -282,6 +282,8 @@ pub enum AlightCommand {
     Flights(flights::FlightsArgs),
     /// Replay a flight: is it bit-identical?
     Replay(replay::ReplayArgs),
+    /// Write files that the pages use; list them.
+    Example(example::ExampleArgs),
     /// Show processes, topics, ages, link and mission.
     Status(status::StatusArgs),
     /// Show deck, drone and alarms in a browser.
@@ -294,12 +296,15 @@ pub enum AlightCommand {
     #[command(name = "signalk")]
     SignalK(signalk::SignalKArgs),
     /// All processes of the vessel's computer.
+    #[command(mut_arg("config", |a| a.required(false).default_value(SHIPPED[0])))]
     Vessel(ServiceArgs),
     /// All processes of the drone's computer.
+    #[command(mut_arg("config", |a| a.required(false).default_value(SHIPPED[1])))]
     Drone(ServiceArgs),
     /// Order the drone to land, abort or hold.
-    #[command(name = "command")]
-    Operate(command::CommandArgs),
+    // `command` is the name of earlier versions, for one release more.
+    #[command(name = "order", alias = "command")]
+    Operate(order::CommandArgs),
     /// Process of the drone: the radio.
     #[command(hide = true)]
     Bridge(ProcessArgs),
@@ -383,6 +388,7 @@ impl AlightCommand {
             AlightCommand::Estimate(a) => estimate::run(a),
             AlightCommand::Flights(a) => flights::run(a),
             AlightCommand::Replay(a) => replay::run(a, &LABORATORY),
+            AlightCommand::Example(a) => example::run(a),
             AlightCommand::Status(a) => status::run(a),
             AlightCommand::View(a) => view::run(a),
             #[cfg(feature = "ros2")]
@@ -391,7 +397,7 @@ impl AlightCommand {
             AlightCommand::SignalK(a) => signalk::run(a),
             AlightCommand::Vessel(a) => vessel::run(a),
             AlightCommand::Drone(a) => drone::run(a),
-            AlightCommand::Operate(a) => command::run(a),
+            AlightCommand::Operate(a) => order::run(a),
             AlightCommand::Bridge(a) => bridge::run(a),
             AlightCommand::Predictor(a) => run::run(a, Predictor::installed, ()),
             AlightCommand::Mission(a) => run::run(a, MissionNode::installed, mission::RejectionReport),
@@ -498,7 +504,7 @@ mod tests {
             assert_eq!(grouped(command.get_name()), shown, "{}", command.get_name());
         }
         let shown = GROUPS.iter().map(|(_, names)| names.len()).sum::<usize>();
-        assert_eq!(shown, 20);
+        assert_eq!(shown, 21);
     }
 
     fn all(command: &Clap, name: &str, found: &mut Vec<(String, Clap)>) {

@@ -88,14 +88,14 @@ config! {
         /// Require the vessel's grant of the deck for a descent; needed on vessels with several drones.
         /// Source: A single drone needs no grant; the drone package's configuration file sets true.
         pub reservation_required: bool = false;
-        /// Take off from the deck on `alight command takeoff`: Alight selects the autopilot's mode and arms after the
-        /// crew has cleared the deck (`alight command deck takeoff`) and a countdown.
+        /// Take off from the deck on `alight order takeoff`: Alight selects the autopilot's mode and arms after the
+        /// crew has cleared the deck (`alight order deck takeoff`) and a countdown.
         pub takeoff: bool = false;
-        /// Maximum number of unattended sorties since the drone's service started: after `alight command takeoff` the
+        /// Maximum number of unattended sorties since the drone's service started: after `alight order takeoff` the
         /// drone flies the autopilot's own mission, returns, lands, and takes off again once it is ready, as long as
         /// the crew keeps the deck cleared for it. 0: each take-off needs an order and ends in a hold.
         pub sorties_max: u32 = 0;
-        /// Charge above which a drone in unattended cycles is ready for take-off, 0 to 1. Above 1, only `alight command
+        /// Charge above which a drone in unattended cycles is ready for take-off, 0 to 1. Above 1, only `alight order
         /// ready` makes it ready.
         /// Chosen: the charge at which a charger slows down.
         pub battery_ready: f64 = 0.9, in 0.0..=1.01;

@@ -37,15 +37,18 @@ pub trait Plot: StepObserver {
 }
 
 pub trait Viewer: StepObserver {
+    /// Prints the addresses (`alone`: on standard error), opens a browser if this session has one, and waits for a
+    /// viewer.
+    fn begin(&self, alone: bool);
     /// Keeps the last picture of an ended flight on display for a little longer.
     fn linger(&self);
 }
 
 pub type Bodies = Option<(DeckGeometry, DroneGeometry)>;
 
-/// Starts the view of a replayed flight under a name; returns the lines with its addresses.
+/// Starts the view of a replayed flight under a name.
 pub type StartViewer<'a> =
-    &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<(Box<dyn Viewer>, Vec<String>), CliError>;
+    &'a dyn Fn(&ViewConfig, &str, ComputerReport, Bodies) -> Result<Box<dyn Viewer>, CliError>;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NodeReplay {

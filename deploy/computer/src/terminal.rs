@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::io::{ErrorKind, Write};
+use std::process::{Command, Stdio};
 
 use clap::Args;
 use serde::de::{MapAccess, Visitor};
@@ -63,6 +64,21 @@ pub fn note(alone: bool, text: impl Display) {
     }
     // Without a reader of standard error, the result still contains everything.
     let _ = writeln!(std::io::stderr().lock(), "{text}");
+}
+
+/// Opens a page in a browser, if this session has one.
+pub fn open_browser(page: &str) {
+    let displays = ["DISPLAY", "WAYLAND_DISPLAY"];
+    if displays.iter().any(|name| std::env::var_os(name).is_some()) {
+        let mut command = Command::new("xdg-open");
+        command
+            .arg(page)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null());
+        // Without the program the printed address remains.
+        let _absent = command.spawn();
+    }
 }
 
 /// Value of a field: the fields of an inner object, or a plain value.

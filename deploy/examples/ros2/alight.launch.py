@@ -1,4 +1,4 @@
-"""Zenoh's router, `alight ros2` and RViz: ros2 launch deploy/examples/ros2/alight.launch.py instance:=sim
+"""Zenoh's router, `alight ros2` and RViz: ros2 launch alight.launch.py instance:=sim
 
 Needs rmw_zenoh_cpp and rviz2. `sim` is the landing of `alight land`; without it the installed drone is shown.
 """

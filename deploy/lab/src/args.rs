@@ -211,6 +211,12 @@ pub struct SeaArg {
 impl FromStr for SeaArg {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
+        if text.parse::<f64>().is_ok() {
+            return Err(
+                "a sea by its state is --sea-state, 1 to 5; --sea takes a name or AMPLITUDE_M,PERIOD_S"
+                    .into(),
+            );
+        }
         Ok(SeaArg {
             text: text.into(),
             config: text.parse()?,

@@ -16,7 +16,7 @@ use alight_uav::pilot::PilotOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::chart::{self, landing};
+use super::chart;
 
 /// Time between points, s: 10 MB for an hour.
 const STEP_S: f64 = 0.05;
@@ -117,7 +117,7 @@ impl StepObserver for BeliefPlot {
 impl Plot for BeliefPlot {
     fn write(&self) -> Result<(), CliError> {
         let title = format!("Landing: {}, by the drone's own estimate", self.flight.display());
-        landing::write(&self.trace, &title, &self.path)
+        chart::landing(&self.trace, &title, &self.path)
     }
 }
 

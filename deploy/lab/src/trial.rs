@@ -3,6 +3,7 @@ use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::playback::{StartViewer, Viewer};
 use alight_computer::terminal::{self, note};
 use alight_shared::msg::{ComputerReport, Reason, ReasonCode};
+use alight_sim::chart::landing;
 use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
 
 use crate::args::TrialArgs;
@@ -33,7 +34,7 @@ pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> 
     outcome.wall_time_s = elapsed();
     let matched = (newest.code == ReasonCode::Matched).then(|| newest.to_string());
     if let (Some(path), Some(trace)) = (&args.plot, &flight.trace) {
-        chart::landing::write(trace, &chart::landing::title(&outcome), path)?;
+        chart::landing(trace, &landing::title(&outcome), path)?;
     }
     if !args.form.print(&outcome, &[&outcome])? {
         terminal::line(format_args!(
@@ -90,7 +91,7 @@ fn observer(
         ..ComputerReport::default()
     };
     let bodies = Some((*deck, *airframe));
-    let (observer, lines) = start(&view, "trial", known, bodies)?;
-    lines.into_iter().for_each(|line| note(args.form.alone(), line));
+    let observer = start(&view, "trial", known, bodies)?;
+    observer.begin(args.form.alone());
     Ok(Some(observer))
 }

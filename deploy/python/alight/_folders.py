@@ -18,7 +18,7 @@ DAY_S = 86_400.0
 TEXTS = {"outcome", "reason", "sea", "planner", "digest"}
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class Trials:
     """Many landings of one scene.
 
@@ -33,8 +33,12 @@ class Trials:
     rate: float
     interval: Tuple[float, float]
 
+    def __repr__(self) -> str:
+        low, high = (100 * limit for limit in self.interval)
+        return f"Trials: {len(self.rows)} landings, {100 * self.rate:.0f} % landed (95 % interval {low:.0f} to {high:.0f} %); rows, summary"
 
-@dataclasses.dataclass
+
+@dataclasses.dataclass(repr=False)
 class Study:
     """Results of a study.
 
@@ -52,6 +56,9 @@ class Study:
     summary: List[Dict[str, Any]]
     pooled: List[Dict[str, Any]] = dataclasses.field(default_factory=list)
 
+    def __repr__(self) -> str:
+        return f"Study {self.name}: {len(self.summary)} scenes, {len(self.rows)} landings; rows, summary"
+
     @staticmethod
     def read(directory: str) -> "Study":
         """Reads a study's --out directory."""
@@ -64,7 +71,7 @@ class Study:
 _FORMER = {"refused": "rejected", "refused_interval": "rejected_interval"}
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(repr=False)
 class Envelope:
     """Relative winds and seas in which a drone lands on a boat.
 
@@ -81,6 +88,9 @@ class Envelope:
     rate: float
     too_few: Optional[str]
     grid: Dict[str, Any]
+
+    def __repr__(self) -> str:
+        return f"Envelope of {self.hull}: {len(self.cells)} cells, limit at a landing rate of {100 * self.rate:.0f} %; cells, grid, limit()"
 
     @staticmethod
     def read(directory: str) -> "Envelope":

@@ -36,6 +36,7 @@ class Trials(unittest.TestCase):
         self.assertEqual([row["seed"] for row in rows], [1, 2])
         self.assertEqual(sum(row["success"] for row in rows) / 2, flown.rate)
         self.assertEqual(len(flown.summary["failures"]) > 0, flown.rate < 1.0)
+        self.assertIn("2 landings, 50 % landed", repr(flown))
 
     def test_rows_with_and_without_pandas(self):
         path = FILES / "rows.csv"

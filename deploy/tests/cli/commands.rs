@@ -86,6 +86,9 @@ fn wrong_input_with_the_remedy() {
         ("rehearse --warm-up 9s".into(), "from 10 to 600 s"),
         ("study --trials 3".into(), "STUDY"),
         ("scene".into(), "alight help scene"),
+        ("trial --sea 3".into(), "--sea-state"),
+        ("keys show --dir /nonexistent".into(), "alight keys init"),
+        ("example nigth.toml".into(), "night.toml"),
         (format!("trial --scenario {unclosed}"), "1 | [sea\n  |     ^"),
     ]);
 }
@@ -141,6 +144,39 @@ fn flags_of_a_scene_shown_once() {
             "{text}"
         );
     }
+}
+
+#[test]
+fn help_of_every_page() {
+    let docs = crate::book::root().join("deploy/docs");
+    for page in crate::book::files(&docs, &[".md"]) {
+        let name = page.file_stem().unwrap().to_str().unwrap();
+        let text = crate::book::read(&page);
+        if name != "SUMMARY" {
+            assert_eq!(
+                stdout(&alight(format!("help {name}"))).trim_end(),
+                text.trim_end()
+            );
+        }
+    }
+}
+
+#[test]
+fn examples_written_once() {
+    let out = scratch("examples");
+    std::fs::create_dir_all(&out).unwrap();
+    let write = || alight(format!("example night.toml boat.csv --out {}", out.display()));
+    let o = write();
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let shipped = crate::book::root().join("deploy/scenarios/night.toml");
+    assert_eq!(
+        std::fs::read(out.join("night.toml")).unwrap(),
+        std::fs::read(shipped).unwrap()
+    );
+    let again = write();
+    assert_eq!(again.status.code(), Some(2));
+    assert!(stderr(&again).contains("is not replaced"), "{}", stderr(&again));
+    assert!(stdout(&alight("example")).contains("foxglove-layout.json"));
 }
 
 #[test]
@@ -360,13 +396,16 @@ fn version_with_its_commit() {
 
 #[test]
 fn command_without_an_installed_file() {
-    let o = alight("command abort --instance nothing-of-that-name");
-    assert_eq!(o.status.code(), Some(2));
-    let text = stderr(&o);
-    assert!(
-        text.contains("no running drone computer found (instance \"nothing-of-that-name\")"),
-        "{text}"
-    );
+    // The second is the former name.
+    for order in ["order", "command"] {
+        let o = alight(format!("{order} abort --instance nothing-of-that-name"));
+        assert_eq!(o.status.code(), Some(2));
+        let text = stderr(&o);
+        assert!(
+            text.contains("no running drone computer found (instance \"nothing-of-that-name\")"),
+            "{text}"
+        );
+    }
 }
 
 #[test]
@@ -374,6 +413,10 @@ fn help_on_first_commands() {
     let o = alight("--help");
     let text = stdout(&o);
     assert!(text.contains("alight trial") && text.contains("Exit codes"));
+    for side in ["vessel", "drone"] {
+        let text = stdout(&alight(format!("{side} --help")));
+        assert!(text.contains(&format!("/etc/alight/{side}.toml]")), "{text}");
+    }
     assert!(
         text.lines().all(|l| l.chars().count() <= 80),
         "wider than 80 columns"
@@ -382,12 +425,12 @@ fn help_on_first_commands() {
 
 #[test]
 fn help_of_one_order() {
-    let o = alight("command takeoff --help");
+    let o = alight("order takeoff --help");
     let text = stdout(&o);
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     for part in [
         "Take off from the deck",
-        "alight command takeoff [OPTIONS]",
+        "alight order takeoff [OPTIONS]",
         "--drone",
     ] {
         assert!(text.contains(part), "{part}: {text}");
@@ -396,7 +439,7 @@ fn help_of_one_order() {
         !text.contains("--height") && !text.contains("--standing"),
         "{text}"
     );
-    assert!(stdout(&alight("command --help")).contains("--height"));
+    assert!(stdout(&alight("order --help")).contains("--height"));
 }
 
 #[test]

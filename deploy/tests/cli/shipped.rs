@@ -170,7 +170,7 @@ fn helm_in_a_file_of_a_former_version() {
     for command in [
         "vessel --config",
         "trial --vessel-config",
-        "command turning --config",
+        "order turning --config",
     ] {
         assert_rejected(&[(format!("{command} {old}"), message)]);
     }

@@ -133,7 +133,7 @@ fn abort_to_the_successor_of_a_killed_mission() {
         let first = pid(&status_when(&name, |s| pid(s, "mission").is_some()), "mission");
         status_when(&name, |s| pid(s, "mission").is_some_and(|new| Some(new) != first));
         let config = directory(&name).join("drone.toml");
-        let out = run(format!("command abort --json --config {}", config.display()));
+        let out = run(format!("order abort --json --config {}", config.display()));
         (flown.join().expect("flown"), out)
     });
     assert!(out.status.success(), "{out:?}\n{}", flown.show());

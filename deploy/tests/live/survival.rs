@@ -50,7 +50,7 @@ impl Vessel {
     }
     fn command_deck(&self, order: &str) {
         let config = self.config.display().to_string();
-        let out = alight(format!("command deck {order} --json --config {config}"))
+        let out = alight(format!("order deck {order} --json --config {config}"))
             .env("STATE_DIRECTORY", &self.directory)
             .output()
             .expect("runs");

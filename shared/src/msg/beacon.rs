@@ -21,7 +21,7 @@ pub const MAX_BEACON_LASTS_S: f64 = 3600.0;
 #[repr(u8)]
 #[serde(rename_all = "kebab-case")]
 pub enum BeaconSource {
-    /// Operator: `alight command deck-at`.
+    /// Operator: `alight order deck-at`.
     #[default]
     Operator,
     /// `GLOBAL_POSITION_INT` of the vessel's own MAVLink system.

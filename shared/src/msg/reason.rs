@@ -360,7 +360,7 @@ reasons! {
     /// The autopilot did not begin its own mission after hand-over: time waited, s, and the limit.
     HandOverRejected { "the autopilot did not begin its own mission within {l:.0} s: lands, no further sortie" }
     /// On the deck until ready for the next sortie: charge, fraction, and the charge at which it starts by itself.
-    NotReady { "ready for the next sortie at {l_percent:.0} % (has {v_percent:.0} %), or by alight command ready" }
+    NotReady { "ready for the next sortie at {l_percent:.0} % (has {v_percent:.0} %), or by alight order ready" }
     /// Ready for the next sortie: its number, and the planned number.
     SortieBegins { "ready: sortie {v:.0} of {l:.0}" }
     /// All sorties are done: their number, and the planned number.

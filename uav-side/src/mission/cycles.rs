@@ -2,7 +2,7 @@
 //!
 //! An order to take off starts them if `sorties_max` allows. After the climb-out the autopilot's own mission takes
 //! over, from its beginning. When that is complete, when the battery requires it or on an order, the drone returns,
-//! lands, and stands disarmed until it is ready: by `alight command ready`, or once a charger has raised its charge to
+//! lands, and stands disarmed until it is ready: by `alight order ready`, or once a charger has raised its charge to
 //! the limit. Each take-off needs the crew's clearance. A sortie must end disarmed on the deck without a finding.
 //! Otherwise the cycles end, the mission keeps reporting the reason, and only another order to take off starts them
 //! again.

@@ -52,6 +52,10 @@ impl Lateness {
     }
 }
 
+/// Lateness at which a simulation in real time is stopped, s: every link of the system has timed out by then; an
+/// autopilot waits 0.5 to 1 s for set-points.
+pub const REAL_TIME_LIMIT_S: f64 = 1.0;
+
 pub const REMEDY: &str = "end other work on this computer, or take a faster one";
 
 /// Message about processes with late steps, the one with the largest overrun relative to its deadline first.

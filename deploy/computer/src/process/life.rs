@@ -13,6 +13,7 @@ use alight_transport::warnings;
 
 use crate::exit::{CliError, Doing};
 use crate::process::lateness::Lateness;
+use crate::process::scheduling::begin_session;
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
 const STATE_PERIOD_NS: i64 = 500_000_000;
@@ -53,6 +54,10 @@ impl Life {
         }
         self.steps += 1;
         self.lateness.step(steady_ns());
+    }
+    /// Makes the next state due now: the last one before an end.
+    pub fn report_now(&mut self) {
+        self.next_state_ns = steady_ns();
     }
     pub fn ended(&self) -> bool {
         self.end.load(Ordering::Relaxed) || end_requested()
@@ -99,10 +104,11 @@ pub fn draw_boot() -> u32 {
     ((steady_ns() >> 16) as u32).wrapping_mul(0x9e37_79b1) ^ std::process::id()
 }
 
-/// Flag that is set when a supervised process's standard input closes.
+/// Flag that is set when a supervised process's standard input closes. Such a process begins its own session.
 pub fn end_with_supervisor(supervised: bool) -> Arc<AtomicBool> {
     let end = Arc::new(AtomicBool::new(false));
     if supervised {
+        begin_session();
         let flag = Arc::clone(&end);
         std::thread::spawn(move || {
             // Nothing is ever written: the read ends when the supervisor does. A signal, such as SIGCONT after

@@ -1,10 +1,11 @@
 //! Scheduling of processes: niceness, real-time priority, processors.
 
-use std::fs;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::{env, fs};
 
 use iceoryx2_bb_posix::process::Process;
 use iceoryx2_bb_posix::scheduler::Scheduler;
-use rustix::process::{getpriority_process, setpriority_process};
+use rustix::process::{getpriority_process, setpriority_process, setsid};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
 /// Niceness in flight, above the computer's other work. Measured on two cores with twenty other busy processes:
@@ -25,29 +26,32 @@ pub fn raise() {
     let _not_permitted = setpriority_process(None, own.min(NICENESS));
 }
 
-/// Priority of this session over other sessions until the value is dropped.
-#[must_use]
-pub struct RaisedSession {
-    before: Option<i32>,
+/// Variable of the environment in which a process raises its own session.
+pub const RAISED_VARIABLE: &str = "ALIGHT_RAISED_SESSION";
+
+static RAISES_SESSIONS: AtomicBool = AtomicBool::new(false);
+
+/// From now on, processes that this one starts also set `NICENESS` for their own sessions: if processes are grouped
+/// by session, a process's niceness applies only within its session. (For a service, `CPUWeight` in its unit does
+/// this.)
+pub fn raise_sessions() {
+    RAISES_SESSIONS.store(true, Ordering::Relaxed);
 }
 
-/// Also sets `NICENESS` for this session: if processes are grouped by session, a process's niceness applies only
-/// within its session. (For a service, `CPUWeight` in its unit does this.) Has no effect without grouping or
-/// permission.
-pub fn raise_session() -> RaisedSession {
-    let text = fs::read_to_string(SESSION).ok();
-    let before = text.and_then(|text| text.trim().rsplit(' ').next()?.parse().ok());
-    let lower = before.filter(|before| *before > NICENESS);
-    RaisedSession {
-        before: lower.filter(|_| fs::write(SESSION, NICENESS.to_string()).is_ok()),
+/// Variable for the processes that this one starts.
+pub fn session_variable() -> Option<(&'static str, &'static str)> {
+    if RAISES_SESSIONS.load(Ordering::Relaxed) {
+        Some((RAISED_VARIABLE, "1"))
+    } else {
+        None
     }
 }
 
-impl Drop for RaisedSession {
-    fn drop(&mut self) {
-        if let Some(before) = self.before {
-            let _gone = fs::write(SESSION, before.to_string());
-        }
+/// Begins a session of this process: the terminal's Ctrl-C reaches only its starter, which ends all. Its priority has
+/// no effect on the terminal's other programs, and none without permission.
+pub fn begin_session() {
+    if setsid().is_ok() && env::var_os(RAISED_VARIABLE).is_some() {
+        let _not_permitted = fs::write(SESSION, NICENESS.to_string());
     }
 }
 

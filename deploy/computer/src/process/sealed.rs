@@ -53,7 +53,10 @@ impl SealedConfig {
                 Err(e) => warn!("{e}: the configuration of the previous supervisor is ignored"),
             }
         }
-        let text = read(origin).doing(format_args!("reading {}", origin.display()))?;
+        let text = read(origin).doing(format_args!(
+            "reading {} (--config names another file, alight init writes one)",
+            origin.display()
+        ))?;
         let computer = method::parse(&text, &origin.display().to_string())?;
         let text = whole(text)?;
         write(&copy, &text).doing(format_args!("writing {}", copy.display()))?;

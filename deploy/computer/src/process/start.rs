@@ -4,13 +4,13 @@
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind};
-use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::Sender;
 
 use crate::io::store::STATE_VARIABLE;
 use crate::process::notify::SOCKET_VARIABLE;
+use crate::process::scheduling::session_variable;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProcessSurroundings<'a> {
@@ -39,9 +39,8 @@ pub fn start<W: AsRef<OsStr>>(
         .args(arguments)
         .arg("--supervised")
         .envs(around.state.map(|directory| (STATE_VARIABLE, directory)))
-        .envs(around.notified.map(|socket| (SOCKET_VARIABLE, socket)));
-    // A separate process group: the terminal's Ctrl-C reaches only the starter, which ends all.
-    command.process_group(0);
+        .envs(around.notified.map(|socket| (SOCKET_VARIABLE, socket)))
+        .envs(session_variable());
     let mut child = command
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

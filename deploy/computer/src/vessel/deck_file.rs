@@ -68,7 +68,7 @@ fn confirm(path: &Path, vessel: u32, found: VesselCheckpoint) -> (VesselCheckpoi
     };
     warn!(
         "{e}: it may be old, so the deck is closed: free space or make it writable; look at the deck, then \
-         alight command deck open"
+         alight order deck open"
     );
     discard(path);
     let mut kept = found;
@@ -129,7 +129,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
         Ok(Some(found)) => found,
         Ok(None) => {
             warn!(
-                "there is no {}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck \
+                "there is no {}: the deck's drones are not known, so it is closed: look at the deck, then alight order deck \
                  open",
                 path.display()
             );
@@ -140,7 +140,7 @@ fn found(path: &Path, vessel: u32) -> VesselCheckpoint {
             // Until the closed state has replaced it, the next start must also find the damaged file.
             let _kept_aside = fs::copy(path, damaged);
             warn!(
-                "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight command deck open",
+                "{}: {e}: the deck's drones are not known, so it is closed: look at the deck, then alight order deck open",
                 path.display()
             );
             unknown(Closure::CheckpointDamaged)

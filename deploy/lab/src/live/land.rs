@@ -110,7 +110,9 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
     }
     scheduling::raise();
     // An external firmware flies in another session, which must also run in real time.
-    let _session = (!args.external).then(scheduling::raise_session);
+    if !args.external {
+        scheduling::raise_sessions();
+    }
     let owned = OwnedInstance::take(&args.instance)?;
     let memory = Memory::join(owned.instance(), "supervisor")?;
     let services = Services::create(&memory)?;
@@ -267,6 +269,7 @@ impl<'a> Landing<'a> {
             // Viewers run outside the namespaces of the emulated radio.
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
             lines.into_iter().for_each(|line| note(args.form.alone(), line));
+            terminal::open_browser(&format!("http://{}", view.listen));
         }
         let of_flag = args.fault.and_then(|spec| LiveFault::new(spec, args.seed));
         Ok(Landing {

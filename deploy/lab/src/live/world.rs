@@ -8,6 +8,7 @@ use std::time::Duration;
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::io::mavlink_key;
 use alight_computer::process::args::ProcessArgs;
+use alight_computer::process::lateness::{REAL_TIME_LIMIT_S, REMEDY};
 use alight_computer::process::life::{Life, draw_boot, node_recorder};
 use alight_computer::process::observer::Rejoined;
 use alight_computer::process::scheduling;
@@ -19,6 +20,7 @@ use alight_shared::msg::{DeckForecast, MissionState, Seq};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::TrueTime;
 use alight_sim::autopilots::FirmwareSensors;
+use alight_sim::chart::landing;
 use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
 use alight_sim::harness::physics::{Physics, TICK};
 use alight_sim::harness::scenario::Scenario;
@@ -58,18 +60,16 @@ pub struct TooSlow {
 }
 
 impl TooSlow {
-    /// Lateness at which the simulation is stopped, s: every link of the system has timed out by then; an autopilot
-    /// waits 0.5 to 1 s for set-points.
-    const BEHIND_S: f64 = 1.0;
-
-    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation. Lateness in the warm-up,
-    /// such as while a firmware connects, has no effect.
+    /// Report of a tick that is `late_s` late at `t_s`, if that has to end the simulation.
     fn of(late_s: f64, t_s: f64) -> Option<TooSlow> {
-        let commanded = t_s + late_s >= 0.0;
-        (commanded && late_s > Self::BEHIND_S).then_some(TooSlow {
-            behind_s: late_s,
-            t_s,
-        })
+        if late_s > REAL_TIME_LIMIT_S {
+            Some(TooSlow {
+                behind_s: late_s,
+                t_s,
+            })
+        } else {
+            None
+        }
     }
 }
 
@@ -78,7 +78,7 @@ impl fmt::Display for TooSlow {
         write!(
             f,
             "this computer was too slow: at {:.1} s the simulated world was {:.1} s behind real time: \
-             the result is not valid; end other work on this computer, or take a faster one",
+             the result is not valid; {REMEDY}",
             self.t_s, self.behind_s
         )
     }
@@ -90,7 +90,7 @@ pub struct Landed {
     pub first_contact_s: Option<f64>,
     /// Time on the deck with motors on, s.
     pub motors_on_deck_s: f64,
-    /// Maximum lateness of a tick of the simulated world, s.
+    /// Maximum lateness of a tick of the simulated world from the order to land on, s.
     pub latest_tick_s: f64,
 }
 
@@ -117,6 +117,8 @@ pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
             Pace::Due => is_over = live.tick(),
             Pace::EndRequested => is_over = true,
             Pace::TooSlow(too_slow) => {
+                live.life.report_now();
+                live.report_state();
                 print(&WorldReport::TooSlow(too_slow))?;
                 return Ok(Exit::TooSlow);
             }
@@ -238,9 +240,14 @@ impl<'a> LiveWorld<'a> {
             };
         }
         let late_s = -early.secs();
-        self.latest_s = self.latest_s.max(late_s);
+        let t_s = self.physics.time_since_start().secs();
         self.late_ticks += u32::from(late_s > TICK.secs());
-        TooSlow::of(late_s, self.physics.time_since_start().secs()).map_or(Pace::Due, Pace::TooSlow)
+        // Lateness in the warm-up, such as while a firmware connects, has no effect.
+        if t_s + late_s < 0.0 {
+            return Pace::Due;
+        }
+        self.latest_s = self.latest_s.max(late_s);
+        TooSlow::of(late_s, t_s).map_or(Pace::Due, Pace::TooSlow)
     }
 
     /// Makes one tick: measures, advances and judges; true when the trial is over.
@@ -259,17 +266,22 @@ impl<'a> LiveWorld<'a> {
         if let Some(computer) = &mut self.drone.ports {
             self.landing.receive(computer, drone_ns);
         }
-        self.update_metrics();
         if self.landing.observe(&self.physics, &self.world.scenario) {
             return true;
         }
+        self.report_state();
+        false
+    }
+
+    fn report_state(&mut self) {
+        self.update_metrics();
+        let drone_ns = self.physics.drone_now(0).nanos();
         if let Some(computer) = &mut self.drone.ports {
             let inputs = || vec![computer.mission.statistics().state(drone_ns)];
             if let Some(published) = self.life.state(inputs, computer.detections.unsent()) {
                 computer.state.send(&published);
             }
         }
-        false
     }
 
     fn measure(&mut self) {
@@ -332,7 +344,7 @@ impl<'a> LiveWorld<'a> {
         let first_contact_s = landing.judge.first_contact_s();
         if let (Some(path), Some(mut trace)) = (&world.plot, landing.history.trace.take()) {
             trace.touchdown_s = first_contact_s;
-            chart::landing::write(&trace, &chart::landing::title(&outcome), path)?;
+            chart::landing(&trace, &landing::title(&outcome), path)?;
         }
         Ok(WorldReport::Landed(Box::new(Landed {
             outcome,

@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_of_two_planners_with_intervals_and_differences() {
+    fn rows_of_two_planners_with_their_differences() {
         let mut outcomes = Vec::new();
         for sea in ["0,0", "0.2,5"] {
             for planner in ["alight", "mpc-faa"] {

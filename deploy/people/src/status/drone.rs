@@ -64,7 +64,7 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
         .fresh(s.now_ns)
         .is_some_and(|g| g.owner == DECK_CLOSED)
     {
-        let remedy = "its crew opens it: alight command deck open";
+        let remedy = "its crew opens it: alight order deck open";
         all.push(FindingTopic("deck").stopping("closed by the vessel: no drone may descend", remedy));
     }
     let vessel = (*s.snapshot.grant).and_then(|g| g.dimensions);

@@ -78,7 +78,7 @@ fn owner(status: &VesselStatus) -> String {
 }
 
 const DECK: FindingTopic = FindingTopic("deck");
-const OPEN_DECK: &str = "alight command deck open";
+const OPEN_DECK: &str = "alight order deck open";
 
 fn deck_access(status: &VesselStatus) -> Finding {
     let found = owner(status);
@@ -175,7 +175,7 @@ fn course_findings(deck: &DeckStatus) -> Vec<Finding> {
     let mut all = vec![if turns {
         TOPIC.stopping(
             format!("{stated}; a drone waits for a steady course, or aborts its descent"),
-            "keep course and speed, and confirm: the helm's switch, or alight command steady",
+            "keep course and speed, and confirm: the helm's switch, or alight order steady",
         )
     } else if deck.wants_steady {
         TOPIC.fine(format!("{stated}; a drone descends: KEEP COURSE AND SPEED"))
@@ -210,7 +210,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
                 time(d.mission_age_s.into()),
                 d.state.name()
             ),
-            "the deck stays reserved for it; abort is relayed: alight command abort --drone, or take manual control",
+            "the deck stays reserved for it; abort is relayed: alight order abort --drone, or take manual control",
         );
     }
     let armed = if d.armed { "armed" } else { "disarmed" };
@@ -223,7 +223,7 @@ pub fn drone(d: &DroneStatus) -> Finding {
         );
     }
     if d.state.starts_motors() {
-        return TOPIC.warning(found, "stand clear; alight command abort stops it");
+        return TOPIC.warning(found, "stand clear; alight order abort stops it");
     }
     TOPIC.fine(found)
 }

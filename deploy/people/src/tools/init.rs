@@ -441,7 +441,7 @@ impl<R: BufRead, W: Write> Installer<R, W> {
     }
 }
 
-fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
+pub(super) fn write_new(path: &Path, content: &[u8]) -> Result<(), CliError> {
     let doing = || {
         format!(
             "writing {}; an existing file is not replaced: name another directory with --out",
@@ -453,7 +453,7 @@ fn write_new(path: &Path, text: &str) -> Result<(), CliError> {
         .create_new(true)
         .open(path)
         .doing(doing())?;
-    file.write_all(text.as_bytes()).doing(doing())
+    file.write_all(content).doing(doing())
 }
 
 pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
@@ -474,8 +474,8 @@ pub fn run(args: &InitArgs) -> Result<Exit, CliError> {
     let (vessel, drone) = boat.check()?;
     let mut worst = FindingLevel::Fine;
     let [first, second] = &files;
-    write_new(first, &boat.vessel)?;
-    write_new(second, &boat.drone).inspect_err(|_| {
+    write_new(first, boat.vessel.as_bytes())?;
+    write_new(second, boat.drone.as_bytes()).inspect_err(|_| {
         // Both files or none: a remaining one would block the next attempt.
         let _stays = std::fs::remove_file(first);
     })?;

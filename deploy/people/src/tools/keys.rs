@@ -105,7 +105,12 @@ struct Row {
 fn show(dir: &Path, form: Form) -> Result<Exit, CliError> {
     let doing = format_args!("listing {}", dir.display());
     let mut found = vec![dir.join(AUTHORITY_FILE), dir.join(CERTIFICATE_FILE)];
-    for entry in fs::read_dir(dir).doing(doing)?.take(MAX_SHOWN) {
+    let entries = if dir.exists() {
+        Some(fs::read_dir(dir).doing(doing)?)
+    } else {
+        None
+    };
+    for entry in entries.into_iter().flatten().take(MAX_SHOWN) {
         let entry = entry.doing(doing)?;
         found.push(entry.path().join(CERTIFICATE_FILE));
     }
@@ -113,8 +118,7 @@ fn show(dir: &Path, form: Form) -> Result<Exit, CliError> {
     found.sort();
     if found.is_empty() {
         return Err(CliError(format!(
-            "no certificate in {}; alight keys init --dir {} makes an authority",
-            dir.display(),
+            "no certificate in {0}: name their directory with --dir; alight keys init --dir {0} makes an authority",
             dir.display()
         )));
     }

@@ -1,10 +1,11 @@
 pub mod check;
-pub mod command;
 pub mod config;
 pub mod estimate;
+pub mod example;
 pub mod flights;
 pub mod init;
 pub mod keys;
+pub mod order;
 pub mod replay;
 pub mod schema;
 pub mod tag;

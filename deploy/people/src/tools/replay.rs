@@ -171,8 +171,8 @@ fn observer(args: &ReplayArgs, log: &Log, view: &ViewConfig) -> Result<Box<dyn V
         ..ComputerReport::default()
     };
     let bodies = drone.map(|d| (d.drone.deck, d.drone.airframe));
-    let (observer, lines) = start_viewer(view, "replay", known, bodies)?;
-    lines.into_iter().for_each(|line| note(args.form.alone(), line));
+    let observer = start_viewer(view, "replay", known, bodies)?;
+    observer.begin(args.form.alone());
     Ok(observer)
 }
 

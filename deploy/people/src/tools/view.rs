@@ -81,16 +81,15 @@ fn served(view: &ViewConfig, name: &str) -> Result<Served, CliError> {
     })
 }
 
-/// Starts the view of a simulated flight; returns the view and the lines with its addresses.
+/// Starts the view of a simulated flight.
 pub fn start_viewer(
     view: &ViewConfig,
     name: &str,
     known: ComputerReport,
     bodies: Bodies,
-) -> Result<(Box<dyn Viewer>, Vec<String>), CliError> {
+) -> Result<Box<dyn Viewer>, CliError> {
     let observer = ViewObserver::start(served(view, name)?, known, &bodies, true)?;
-    let lines = observer.server.lines();
-    Ok((Box::new(observer), lines))
+    Ok(Box::new(observer))
 }
 
 pub fn run(args: &ViewCommand) -> Result<Exit, CliError> {
@@ -191,6 +190,10 @@ fn drone(
         }
     }
     if observer.board.is_simulated() {
+        // The world's last report gives the reason for the end.
+        if let Some(ports) = joined.ports.as_mut() {
+            ports.poll(&computer, &mut observer, wall_ns);
+        }
         observer.end("the simulation has ended");
         pause(ABSENT_PAUSE);
     }
@@ -242,7 +245,7 @@ impl Ports {
         }
     }
 
-    /// Executes the page's order, an abort, like `alight command abort` on this computer, and replies with its
+    /// Executes the page's order, an abort, like `alight order abort` on this computer, and replies with its
     /// result.
     fn order(
         &mut self,

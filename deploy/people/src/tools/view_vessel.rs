@@ -14,8 +14,8 @@ use alight_shared::process::ProcessKind;
 use alight_shared::time::{Time, TrueTime};
 
 use crate::status::Status;
-use crate::tools::command::STEADY_S;
 use crate::tools::flights;
+use crate::tools::order::STEADY_S;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
 use crate::view::server::PageOrder;
@@ -73,7 +73,7 @@ impl<'a> VesselObserver<'a> {
             given: None,
         })
     }
-    /// Carries out the crew's order, as `alight command` does. Orders after which rotors may turn are excluded,
+    /// Carries out the crew's order, as `alight order` does. Orders after which rotors may turn are excluded,
     /// because the page has no password.
     pub fn carry_out(&mut self, order: Option<PageOrder>) {
         if let Some(order) = order {

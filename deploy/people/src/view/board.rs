@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use alight_computer::process::lateness::{REAL_TIME_LIMIT_S, REMEDY};
 use alight_computer::process::snapshot::minutes;
 use alight_computer::record::messages::Message;
 use alight_computer::situation::ObservedSituation;
@@ -265,9 +266,16 @@ impl Board {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();
         situation.battery_left_s = self.battery_left_s(t);
+        let mut status = Status::of(situation);
+        let begins_in_s = self.begins_in_s();
+        if let Some(s) = begins_in_s
+            && status.go.go.is_none()
+        {
+            status.go.why = format!("warm-up for {s:.0} s: the vessel's computer measures the waves");
+        }
         Picture {
             clock_s: 0.0,
-            status: Status::of(situation),
+            status,
             scene: self.scene(t),
             camera: self.camera.map(|c| c.view(t)),
             motion: self.motion.view(),
@@ -292,13 +300,27 @@ impl Board {
                 .collect(),
             order: self.order.clone(),
             over: None,
-            begins_in_s: self.begins_in_s(),
+            begins_in_s,
         }
     }
     /// Time until a simulated landing is ordered, s, as the world's process reports it.
     fn begins_in_s(&self) -> Option<f64> {
         let world = self.situation.process(ProcessKind::World)?;
         Some(-world.seconds(MetricName::TimeSinceStart)).filter(|s| *s > 0.0)
+    }
+    /// Reason why the result of a simulation is not valid, and the remedy.
+    pub fn too_slow(&self) -> Option<String> {
+        let late_s = self
+            .situation
+            .process(ProcessKind::World)?
+            .seconds(MetricName::LatestTick);
+        if late_s <= REAL_TIME_LIMIT_S {
+            return None;
+        }
+        Some(format!(
+            "this computer was {late_s:.1} s behind real time, so the result is not valid; {REMEDY}, or run alight trial \
+             --view, which needs no real time"
+        ))
     }
     pub fn is_simulated(&self) -> bool {
         self.situation.process(ProcessKind::World).is_some()

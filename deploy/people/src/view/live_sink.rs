@@ -19,6 +19,10 @@ impl LiveSink {
             scratch: Vec::new(),
         }
     }
+    /// Whether a viewer has subscribed to a topic.
+    pub fn is_watched(&self) -> bool {
+        self.channels.iter().any(|channel| channel.has_sinks())
+    }
 }
 
 impl OpenChannels for LiveSink {

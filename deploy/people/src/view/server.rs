@@ -152,11 +152,13 @@ impl Server {
         self.context.as_ref()
     }
     pub fn lines(&self) -> Vec<String> {
-        let Addresses { page, foxglove } = self.addresses;
-        let live = foxglove.map(|a| format!("Foxglove: ws://{a}"));
-        core::iter::once(format!("page: http://{page}"))
+        let live = self.addresses.foxglove.map(|a| format!("Foxglove: ws://{a}"));
+        core::iter::once(format!("page: {}", self.page_url()))
             .chain(live)
             .collect()
+    }
+    pub fn page_url(&self) -> String {
+        format!("http://{}", self.addresses.page)
     }
     #[cfg(test)]
     pub(super) fn page(&self) -> SocketAddr {

@@ -12,10 +12,12 @@ use alight_computer::record::messages::{Message, each_message};
 use alight_computer::record::observer::StepObserver;
 use alight_computer::record::scenery::Scenery;
 use alight_computer::record::views::Views;
+use alight_computer::terminal::{note, open_browser};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 
 use crate::status::Status;
+use crate::status::go::Go;
 use crate::view::board::Board;
 use crate::view::live_sink::LiveSink;
 use crate::view::picture::Picture;
@@ -24,6 +26,8 @@ use crate::view::server::{Served, Server};
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
 /// Maximum pause while a simulated flight is slowed to real time.
 const MAX_PAUSE: Duration = Duration::from_millis(50);
+/// Time for which a simulated flight waits for a viewer before it begins.
+const ARRIVAL_NS: i64 = 600_000_000_000;
 /// Time for which the last picture of a simulation remains available to viewers.
 const LINGER_NS: i64 = 10_000_000_000;
 
@@ -105,12 +109,17 @@ impl ViewObserver {
             ..Picture::default()
         });
     }
+    fn is_watched(&self) -> bool {
+        self.server.is_watched() || self.live.as_ref().is_some_and(|live| live.sink.is_watched())
+    }
     /// Shows the last picture, with `over` as the reason for the end.
     pub fn end(&self, over: &'static str) {
-        self.server.show(Picture {
-            over: Some(over),
-            ..self.board.picture(self.newest - self.offset)
-        });
+        let mut picture = self.board.picture(self.newest - self.offset);
+        picture.over = Some(over);
+        if let Some(why) = self.board.too_slow() {
+            picture.status.go = Go::unknown(why);
+        }
+        self.server.show(picture);
     }
     pub fn message(&mut self, t: Time<TrueTime>, message: &Message<'_>) {
         self.board.message(t - self.offset, message);
@@ -136,6 +145,16 @@ impl ViewObserver {
 }
 
 impl Viewer for ViewObserver {
+    fn begin(&self, alone: bool) {
+        let lines = self.server.lines();
+        lines.iter().for_each(|line| note(alone, line));
+        open_browser(&self.server.page_url());
+        note(alone, "waiting for a viewer, at most 10 min; Ctrl-C ends it");
+        let until = steady_ns() + ARRIVAL_NS;
+        while !self.is_watched() && steady_ns() < until {
+            pause(MAX_PAUSE);
+        }
+    }
     fn linger(&self) {
         let until = steady_ns() + LINGER_NS;
         while self.server.is_watched() && steady_ns() < until {

@@ -37,7 +37,7 @@ ros2 run rmw_zenoh_cpp rmw_zenohd\n  \
 ros2 topic echo /alight/drone_1/odometry\n  \
 alight ros2 --orders; ros2 service call /alight/drone_1/abort std_srvs/srv/Trigger\n\
 With --orders everyone who reaches that router may give orders.\n\
-Ctrl-C ends it; no flight waits for it. alight help view.md"
+Ctrl-C ends it; no flight waits for it. alight help view"
 )]
 pub struct Ros2Args {
     #[command(flatten)]

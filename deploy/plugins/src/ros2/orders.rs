@@ -1,4 +1,4 @@
-//! Orders of ROS services for this computer's mission, sent like those of `alight command` and answered by the
+//! Orders of ROS services for this computer's mission, sent like those of `alight order` and answered by the
 //! mission's state.
 
 use alight_computer::config::DroneComputerConfig;

@@ -23,7 +23,7 @@ use alight_people::status::Status;
 sudo -u alight alight signalk --connect ws://venus.local:3000\n\
 If the server asks for a token: 'ws://HOST:3000?token=FILE'.\n\
 It sends alight.* and notifications.alight.*; it takes no orders.\n\
-Ctrl-C ends it; no flight waits for it. alight help view.md")]
+Ctrl-C ends it; no flight waits for it. alight help view")]
 pub struct SignalKArgs {
     #[command(flatten)]
     subject: Subject,

@@ -76,7 +76,9 @@ pub fn run(args: &RehearseArgs) -> Result<Exit, CliError> {
     }
     scheduling::raise();
     // An external firmware flies in another session, which must also run in real time.
-    let _session = args.autopilot_at.is_none().then(scheduling::raise_session);
+    if args.autopilot_at.is_none() {
+        scheduling::raise_sessions();
+    }
     let plan = RehearsalPlan::of(args)?;
     let mut list = CheckList::new(args.form.alone());
     let names = match plan.certificates.as_slice() {
@@ -442,18 +444,13 @@ impl<'a> Rehearsal<'a> {
     fn land(&mut self, list: &mut CheckList) -> Result<Waited, CliError> {
         self.commanded_ns = steady_ns();
         let config = self.file("drone.toml");
-        let Some(output) = self.ask(list, &["command", "land", "--config", &config])? else {
+        let Some(output) = self.ask(list, &["order", "land", "--config", &config])? else {
             return Ok(Waited::Stopped);
         };
         let printed = [output.stdout, output.stderr].concat();
         let answer = String::from_utf8_lossy(&printed);
         let answer = answer.lines().next().unwrap_or_default();
-        list.add(
-            list::LADDER,
-            "alight command land",
-            output.status.success(),
-            answer,
-        );
+        list.add(list::LADDER, "alight order land", output.status.success(), answer);
         if !output.status.success() {
             return Ok(Waited::Met);
         }

@@ -370,3 +370,29 @@ fn board_of_a_contact_and_a_battery() {
     // 40 % above the reserve at 10 % a minute.
     assert!(named(&picture, "battery").note.contains("4 min to the reserve"));
 }
+
+#[test]
+fn board_of_a_simulation_early_and_too_slow() {
+    let mut board = Board::new(ComputerReport::default());
+    let mut report = |late_s: f64, t_s: f64| {
+        let metrics = [
+            MetricName::LatestTick.seconds(late_s),
+            MetricName::TimeSinceStart.seconds(t_s),
+        ];
+        board.processes(vec![ProcessState {
+            kind: ProcessKind::World,
+            metrics: Seq::filled(metrics),
+            ..ProcessState::default()
+        }]);
+        (board.picture(at(1.0)).status.go.why, board.too_slow())
+    };
+    let (why, _) = report(0.0, -48.0);
+    assert!(why.contains("warm-up for 48 s"), "{why}");
+    let (why, end) = report(0.9, 3.0);
+    assert!(!why.contains("warm-up"), "{why}");
+    assert_eq!(end, None);
+    let end = report(1.3, 3.0).1.unwrap();
+    for part in ["1.3 s behind", "not valid", "alight trial --view"] {
+        assert!(end.contains(part), "{part}: {end}");
+    }
+}

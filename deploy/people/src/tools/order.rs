@@ -1,4 +1,4 @@
-//! `alight command`: sends an operator's command to a mission and prints the reply. On the drone's own computer the
+//! `alight order`: sends an operator's command to a mission and prints the reply. On the drone's own computer the
 //! command goes through shared memory; from ashore it goes through the vessel, with an operator's certificate
 //! ([`ashore`]). On the vessel's computer it also gives the crew's orders for the deck. Every reply names its drone.
 
@@ -88,18 +88,18 @@ impl OrderArg {
     }
 }
 
-/// Help for the order that follows `alight command` on a command line, with the flags that it uses; None without an
+/// Help for the order that follows `alight order` on a command line, with the flags that it uses; None without an
 /// order.
 pub fn help(command: &Clap, typed: &[OsString]) -> Option<String> {
     let mut orders = typed.iter().skip(2).filter_map(|t| t.to_str());
     let order = orders.find_map(|t| OrderArg::from_str(t, false).ok());
-    let order = order.filter(|_| command.get_name() == "command")?;
+    let order = order.filter(|_| command.get_name() == "order")?;
     let value = order.to_possible_value()?;
     let values = if order.takes("values") { " VALUE..." } else { "" };
     let help = command
         .clone()
         .about(value.get_help().cloned().unwrap_or_default())
-        .override_usage(format!("alight command {}{values} [OPTIONS]", value.get_name()))
+        .override_usage(format!("alight order {}{values} [OPTIONS]", value.get_name()))
         .mut_args(|a| {
             let is_hidden = a.is_hide_set() || !order.takes(a.get_id().as_str());
             a.hide(is_hidden)
@@ -131,18 +131,18 @@ impl CommandArgs {
 
 #[derive(Args, Debug)]
 #[command(after_help = "On the computer it is for, as the user that runs Alight:\n  \
-sudo -u alight alight command abort\n  \
-sudo -u alight alight command deck open --drone 2\n\
-From ashore: alight command abort --drone 2 --vessel quic/192.168.7.1:7447 --keys DIR\n\
-A simulated landing: alight command abort --instance sim\n\
+sudo -u alight alight order abort\n  \
+sudo -u alight alight order deck open --drone 2\n\
+From ashore: alight order abort --drone 2 --vessel quic/192.168.7.1:7447 --keys DIR\n\
+A simulated landing: alight order abort --instance sim\n\
 Exit codes: 0 taken, 1 rejected or not taken in time, 2 bad input or no answer.")]
 pub struct CommandArgs {
-    /// Order; `alight help command` explains each
+    /// Order; `alight help order` explains each
     #[arg(value_enum)]
     pub order: OrderArg,
     /// deck: closed, open, takeoff; deck-at: latitude, longitude
     ///
-    /// Positions are in deg: alight command deck-at 59.3456 18.1234 --error 10.
+    /// Positions are in deg: alight order deck-at 59.3456 18.1234 --error 10.
     #[arg(value_name = "VALUE", num_args = 0..=2, allow_negative_numbers = true)]
     pub values: Vec<String>,
     /// deck takeoff: clear all take-offs until closed
@@ -207,14 +207,14 @@ pub fn run(args: &CommandArgs) -> Result<Exit, CliError> {
     let clears = args.order == OrderArg::Deck && args.values == ["takeoff"];
     if args.standing && !clears {
         return Err(CliError(
-            "--standing is only for alight command deck takeoff --drone N".into(),
+            "--standing is only for alight order deck takeoff --drone N".into(),
         ));
     }
     station::check(args)?;
     let has_values = matches!(args.order, OrderArg::Deck | OrderArg::DeckAt);
     if !has_values && !args.values.is_empty() {
         return Err(CliError(format!(
-            "{}: closed, open and takeoff are for `alight command deck`, positions for `alight command deck-at`",
+            "{}: closed, open and takeoff are for `alight order deck`, positions for `alight order deck-at`",
             args.values.join(" ")
         )));
     }
@@ -247,7 +247,7 @@ fn crew_order(values: &[String]) -> Result<CrewOrderArg, CliError> {
         [value] => CrewOrderArg::from_str(value, false).ok(),
         [] | [_, _, ..] => None,
     };
-    order.ok_or_else(|| CliError("alight command deck: closed, open or takeoff has to follow".into()))
+    order.ok_or_else(|| CliError("alight order deck: closed, open or takeoff has to follow".into()))
 }
 /// Configuration of the vessel's computer on which this command runs; errors call the order `what`.
 fn on_board(args: &CommandArgs, what: &str) -> Result<VesselComputerConfig, CliError> {
@@ -322,7 +322,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
         (CrewOrderArg::Takeoff, Some(drone)) => DeckOrder::TakeOff(drone),
         (CrewOrderArg::Takeoff, None) => {
             return Err(CliError(
-                "the take-off needs a drone: alight command deck takeoff --drone N".into(),
+                "the take-off needs a drone: alight order deck takeoff --drone N".into(),
             ));
         }
         (CrewOrderArg::Closed, Some(drone)) => {
@@ -343,7 +343,7 @@ fn deck(args: &CommandArgs, ordered: CrewOrderArg) -> Result<Exit, CliError> {
             }
             CrewOrderArg::Open => "the deck is open",
             CrewOrderArg::Takeoff if closed => {
-                "the order is taken, but the deck is closed: alight command deck open"
+                "the order is taken, but the deck is closed: alight order deck open"
             }
             CrewOrderArg::Takeoff => cleared(newest.as_ref(), args.drone, args.standing),
         });
@@ -381,7 +381,7 @@ fn cleared(newest: Option<&VesselStatus>, drone: Option<u32>, standing: bool) ->
 /// Text about a silent drone for which the opened deck stays reserved, and how to release the deck.
 fn kept_by(silent_drone: &SilentDrone) -> String {
     format!(
-        "{silent_drone};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight command deck \
+        "{silent_drone};\norder it again in {:.0} s, or once it is neither on the deck nor above it:\nalight order deck \
          open --drone {}",
         silent_drone.remaining_s.ceil(),
         silent_drone.drone

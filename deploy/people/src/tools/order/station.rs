@@ -1,4 +1,4 @@
-//! `alight command station`: keeps a position next to the vessel for a while.
+//! `alight order station`: keeps a position next to the vessel for a while.
 
 use std::ops::RangeInclusive;
 
@@ -43,14 +43,14 @@ pub(super) fn ordered(args: &CommandArgs) -> Result<Station, CliError> {
         return Ok(station);
     }
     Err(CliError(format!(
-        "alight command station: at most {MAX_STATION_M} m from the deck's centre, --for 1 to {MAX_STATION_MIN} (min)"
+        "alight order station: at most {MAX_STATION_M} m from the deck's centre, --for 1 to {MAX_STATION_MIN} (min)"
     )))
 }
 
 pub(super) fn check(args: &CommandArgs) -> Result<(), CliError> {
     if args.station != StationArgs::default() && args.order != OrderArg::Station {
         return Err(CliError(
-            "--height, --ahead and --right belong to alight command station".into(),
+            "--height, --ahead and --right belong to alight order station".into(),
         ));
     }
     Ok(())

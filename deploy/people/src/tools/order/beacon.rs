@@ -1,4 +1,4 @@
-//! `alight command deck-at`: sends an operator's position of the vessel to the predictor on this computer. If
+//! `alight order deck-at`: sends an operator's position of the vessel to the predictor on this computer. If
 //! `mission.min_vessel` permits it, the drone then searches for the deck's tags there; it never lands without tags.
 
 use alight_computer::exit::{CliError, Exit};
@@ -29,7 +29,7 @@ fn place(values: &[String]) -> Result<[f64; 2], CliError> {
     let wrong = || {
         CliError(format!(
             "deck-at {}: two numbers in degrees are needed, latitude (-90 to 90) and longitude (-180 to 180), as in \
-             alight command deck-at 59.3456 18.1234",
+             alight order deck-at 59.3456 18.1234",
             values.join(" ")
         ))
     };

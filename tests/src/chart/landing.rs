@@ -4,11 +4,11 @@
 
 use std::path::Path;
 
-use alight_computer::exit::{CliError, Doing};
 use alight_shared::frames::wrap_angle;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::trace::{Trace, TracePoint};
 use plotters::prelude::*;
+
+use crate::harness::outcome::Outcome;
+use crate::harness::trace::{Trace, TracePoint};
 
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 
@@ -19,6 +19,7 @@ const PANEL_S: f64 = 15.0;
 /// Dash patterns of the first, second and third line of a panel, which distinguish them without colour.
 const DASHES: [Option<(i32, i32)>; 3] = [None, Some((7, 4)), Some((2, 3))];
 
+/// Title of the chart of a trial.
 pub fn title(o: &Outcome) -> String {
     let (sea, seed, planner, name) = (&o.sea, o.seed, &o.planner, o.outcome.name());
     let contact = o.position_error_m.zip(o.touchdown_speed_mps);
@@ -29,12 +30,11 @@ pub fn title(o: &Outcome) -> String {
 }
 
 /// Draws the last landing of a trace to `path`; without a landing, its last seconds.
-pub fn write(trace: &Trace, title: &str, path: &Path) -> Result<(), CliError> {
-    let doing = || format!("writing the plot {}", path.display());
+pub fn write(trace: &Trace, title: &str, path: &Path) -> Drawn {
     let mut svg = String::new();
     let trace = with_continuous_yaw(trace);
-    draw(&trace, title, SVGBackend::with_string(&mut svg, SIZE)).doing(doing())?;
-    std::fs::write(path, svg).doing(doing())
+    draw(&trace, title, SVGBackend::with_string(&mut svg, SIZE))?;
+    Ok(std::fs::write(path, svg)?)
 }
 
 /// Unwraps the yaw, so that it does not jump from 180 to -180 deg, and shifts its end into that range.
