@@ -1,8 +1,5 @@
 //! MAVLink frames: bytes to payloads and back. No other module uses the MAVLink crate's reader and writer,
-//! whose releases often break compatibility. Vessel and drone map payloads to their own messages.
-//!
-//! Extension fields of MAVLink 2 are read and written by offset ([`Fields`], [`Outgoing`]): the crate's
-//! feature for them would add its code generator and more of its regular expressions to every program.
+//! whose releases often break compatibility. Vessel and drone use its messages ([`dialect`]).
 
 mod signing;
 
@@ -11,47 +8,44 @@ use std::collections::VecDeque;
 use std::io::{self, ErrorKind, Read};
 
 use ::mavlink::error::{MessageReadError, ParserError};
-use ::mavlink::{
-    Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion, Message,
-};
+use ::mavlink::{Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion};
+use dialect::{EstimatorStatusFlags, MavMessage};
+
+use crate::geodesy::Datum;
 
 pub use ::mavlink::dialects::common as dialect;
 pub use ::mavlink::types::CharArray;
+pub use ::mavlink::{Message, MessageData};
 pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
-/// `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read: number and CRC_EXTRA. Its whole
-/// dialect is as large as the common one.
-pub const EKF_STATUS_REPORT: (u32, u8) = (193, 71);
+/// Number of `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read. Its whole dialect is as large as
+/// the common one.
+pub const EKF_STATUS_REPORT: u32 = 193;
+/// CRC_EXTRA of `EKF_STATUS_REPORT`.
+const EKF_STATUS_CRC: u8 = 71;
 
 /// Common dialect and the ArduPilot messages that are read.
 struct Known;
 
 impl Dialect for Known {
-    type Message = dialect::MavMessage;
+    type Message = MavMessage;
     type EncodeError = Infallible;
     fn message_id(&self, message: &Self::Message) -> u32 {
         message.message_id()
     }
     fn extra_crc(&self, id: u32) -> Option<u8> {
-        let (own, crc) = EKF_STATUS_REPORT;
-        Some(if id == own {
-            crc
-        } else {
-            dialect::MavMessage::extra_crc(id)
+        Some(match id {
+            EKF_STATUS_REPORT => EKF_STATUS_CRC,
+            _ => MavMessage::extra_crc(id),
         })
     }
-    fn decode(
-        &self,
-        version: MavlinkVersion,
-        id: u32,
-        payload: &[u8],
-    ) -> Result<dialect::MavMessage, ParserError> {
-        dialect::MavMessage::parse(version, id, payload)
+    fn decode(&self, version: MavlinkVersion, id: u32, payload: &[u8]) -> Result<MavMessage, ParserError> {
+        MavMessage::parse(version, id, payload)
     }
     fn encode(
         &self,
         version: MavlinkVersion,
-        message: &dialect::MavMessage,
+        message: &MavMessage,
         payload: &mut [u8],
     ) -> Result<usize, Infallible> {
         Ok(message.ser(version, payload))
@@ -94,12 +88,18 @@ pub struct RawFrame {
 
 impl RawFrame {
     /// Decoded message; None if a value is not part of the dialect.
-    pub fn message(&self) -> Option<dialect::MavMessage> {
-        dialect::MavMessage::parse(self.version, self.id, &self.payload).ok()
+    pub fn message(&self) -> Option<MavMessage> {
+        MavMessage::parse(self.version, self.id, &self.payload).ok()
     }
-    /// Payload fields by offset.
-    pub fn fields(&self) -> Fields<'_> {
-        Fields(&self.payload)
+    /// Flags of `EKF_STATUS_REPORT`; None for other messages.
+    pub fn ekf_status(&self) -> Option<EstimatorStatusFlags> {
+        if self.id != EKF_STATUS_REPORT {
+            return None;
+        }
+        // After five floats; trailing zeros are omitted.
+        let byte = |at: usize| self.payload.get(at).copied().unwrap_or(0);
+        let bits = u16::from_le_bytes([byte(20), byte(21)]);
+        Some(EstimatorStatusFlags::from_bits_retain(bits))
     }
 }
 
@@ -114,8 +114,8 @@ pub struct FrameReader {
     gaps: u64,
     signing: Option<Signing>,
     signatures: Signatures,
-    /// Selects messages, by number and payload, that are accepted with any signature time.
-    whenever: Option<fn(u32, Fields<'_>) -> bool>,
+    /// Selects messages that are accepted with any signature time.
+    whenever: Option<fn(&MavMessage) -> bool>,
 }
 
 impl Default for FrameReader {
@@ -144,7 +144,7 @@ impl FrameReader {
     }
     /// Accepts messages selected by `message` with any signature time, to tolerate a wrong clock or a replay.
     #[must_use]
-    pub fn whenever(self, message: fn(u32, Fields<'_>) -> bool) -> FrameReader {
+    pub fn whenever(self, message: fn(&MavMessage) -> bool) -> FrameReader {
         FrameReader {
             whenever: Some(message),
             ..self
@@ -174,19 +174,20 @@ impl FrameReader {
                         self.gaps += 1;
                         self.whole = gone;
                     }
-                    let whenever = self
-                        .whenever
-                        .is_some_and(|counts| counts(raw.message_id(), Fields(raw.payload())));
-                    if !self.signatures.admit(&raw, self.signing.as_ref(), whenever) {
-                        continue;
-                    }
-                    return Some(RawFrame {
+                    let frame = RawFrame {
                         system: raw.system_id(),
                         component: raw.component_id(),
                         id: raw.message_id(),
                         payload: raw.payload().to_vec(),
                         version: raw.version(),
-                    });
+                    };
+                    let whenever = || {
+                        let message = self.whenever.zip(frame.message());
+                        message.is_some_and(|(counts, message)| counts(&message))
+                    };
+                    if self.signatures.admit(&raw, self.signing.as_ref(), whenever) {
+                        return Some(frame);
+                    }
                 }
                 Err(MessageReadError::Parse(_)) => self.unreadable += 1,
                 Err(MessageReadError::Io(_)) => return None,
@@ -215,48 +216,45 @@ impl FrameReader {
     }
 }
 
-/// Payload fields by their offset in the message definition, little endian; omitted trailing zeros read as zero.
-#[derive(Clone, Copy, Debug)]
-pub struct Fields<'a>(pub &'a [u8]);
+/// Recorded form of a message: its number and payload.
+pub mod recorded {
+    use serde::de::Error as _;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-impl Fields<'_> {
-    /// `N` bytes at offset `at`.
-    pub fn bytes<const N: usize>(&self, at: usize) -> [u8; N] {
-        core::array::from_fn(|k| self.0.get(at + k).copied().unwrap_or(0))
+    use super::{MavMessage, MavlinkVersion, Message, Outgoing};
+
+    /// Writes number and payload.
+    ///
+    /// # Errors
+    /// Those of the serialiser.
+    pub fn serialize<S: Serializer>(message: &MavMessage, to: S) -> Result<S::Ok, S::Error> {
+        let Outgoing { id, payload, .. } = Outgoing::from(message);
+        (id, payload).serialize(to)
     }
-    /// Unsigned 64-bit integer.
-    pub fn u64(&self, at: usize) -> u64 {
-        u64::from_le_bytes(self.bytes(at))
+    /// Reads number and payload.
+    ///
+    /// # Errors
+    /// Those of the deserialiser, and a number or value that is not part of the dialect.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<MavMessage, D::Error> {
+        let (id, payload) = <(u32, Vec<u8>)>::deserialize(from)?;
+        MavMessage::parse(MavlinkVersion::V2, id, &payload).map_err(D::Error::custom)
     }
-    /// Unsigned 32-bit integer.
-    pub fn u32(&self, at: usize) -> u32 {
-        u32::from_le_bytes(self.bytes(at))
-    }
-    /// Signed 32-bit integer.
-    pub fn i32(&self, at: usize) -> f64 {
-        i32::from_le_bytes(self.bytes(at)).into()
-    }
-    /// Unsigned 16-bit integer.
-    pub fn u16(&self, at: usize) -> u16 {
-        u16::from_le_bytes(self.bytes(at))
-    }
-    /// Signed 16-bit integer.
-    pub fn i16(&self, at: usize) -> f64 {
-        i16::from_le_bytes(self.bytes(at)).into()
-    }
-    /// Unsigned 8-bit integer.
-    pub fn u8(&self, at: usize) -> u8 {
-        let [b] = self.bytes(at);
-        b
-    }
-    /// 32-bit float.
-    pub fn float(&self, at: usize) -> f64 {
-        f32::from_le_bytes(self.bytes(at)).into()
-    }
-    /// Consecutive 32-bit floats.
-    pub fn floats<const N: usize>(&self, at: usize) -> [f64; N] {
-        core::array::from_fn(|k| self.float(at + 4 * k))
-    }
+}
+
+/// Array of a message's fields, to be read or assigned: `fields!(d, x y z)` is `[d.x, d.y, d.z]`.
+#[macro_export]
+macro_rules! mavlink_fields {
+    ($message:ident, $($field:ident)+) => { [$($message.$field),+] };
+}
+pub use mavlink_fields as fields;
+
+/// Place from units of 1e-7 deg and mm.
+pub fn place(latitude: i32, longitude: i32, height: i32) -> Datum {
+    Datum::new(
+        f64::from(latitude) * 1e-7,
+        f64::from(longitude) * 1e-7,
+        f64::from(height) * 1e-3,
+    )
 }
 
 /// Sender of a frame with its frame counter.
@@ -294,15 +292,23 @@ impl Outgoing {
         payload.truncate(payload.iter().rposition(|b| *b != 0).map_or(1, |k| k + 1));
         Outgoing { id, crc, payload }
     }
+    /// `EKF_STATUS_REPORT` with these flags.
+    pub fn ekf_status(flags: EstimatorStatusFlags) -> Outgoing {
+        Outgoing::new(
+            EKF_STATUS_REPORT,
+            EKF_STATUS_CRC,
+            [&[0; 20][..], &flags.bits().to_le_bytes()].concat(),
+        )
+    }
 }
 
-impl From<&dialect::MavMessage> for Outgoing {
-    fn from(message: &dialect::MavMessage) -> Outgoing {
+impl From<&MavMessage> for Outgoing {
+    fn from(message: &MavMessage) -> Outgoing {
         let mut payload = vec![0; 255];
         let length = message.ser(MavlinkVersion::V2, &mut payload);
         payload.truncate(length);
         let id = message.message_id();
-        Outgoing::new(id, dialect::MavMessage::extra_crc(id), payload)
+        Outgoing::new(id, MavMessage::extra_crc(id), payload)
     }
 }
 

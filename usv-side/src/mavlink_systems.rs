@@ -1,6 +1,6 @@
 //! Senders on a MAVLink link. One system and component is the vessel's for the lifetime of the process.
 
-use alight_shared::mavlink::{Fields, RawFrame};
+use alight_shared::mavlink::RawFrame;
 
 const HEARTBEAT: u32 = 0;
 pub(crate) const AUTOPILOT: u8 = 1;
@@ -103,9 +103,10 @@ impl Systems {
             return false;
         };
         received.messages += 1;
+        // Read by its bytes, because newer types are unknown to the dialect.
         if raw.id == HEARTBEAT {
-            let p: Fields<'_> = raw.fields();
-            received.kind = Some((p.u8(4), p.u8(5)));
+            let byte = |at: usize| raw.payload.get(at).copied().unwrap_or(0);
+            received.kind = Some((byte(4), byte(5)));
         }
         let may_be = match (configured, received.kin()) {
             (Some(system), _) if system != received.system => false,

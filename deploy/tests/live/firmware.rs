@@ -17,7 +17,7 @@ use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::stand_in;
 use alight_sim::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{CommandResult, MavlinkMessage, command};
+use alight_uav::autopilot::message::{MavCmd, MavResult, MavlinkMessage};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::Decoder;
 
@@ -156,11 +156,14 @@ impl Controls {
             // PX4 rejects the mode until set-points have arrived for some time, so the pilot tries again.
             let _rejected = a.choose(mode_number(firmware, AutopilotMode::Offboard));
         }
-        let first = a.commands.iter().find(|(_, c)| c.command == command::ARM_DISARM);
+        let first = a
+            .commands
+            .iter()
+            .find(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let denied = first.is_none_or(|(at, _)| t_s < at.secs() + self.flight.denies_s)
             && self.pressed
             && self.flight.denies_s > 0.0;
-        a.answer = denied.then_some(CommandResult::Denied);
+        a.answer = denied.then_some(MavResult::MAV_RESULT_DENIED);
         let (motors, sent) = a.step_bytes(f, &self.link.receive());
         for bytes in sent {
             self.link.send(&bytes);
@@ -271,7 +274,7 @@ pub fn assert_disarmed(a: &SimulatedAutopilot) {
     let disarms = a
         .commands
         .iter()
-        .filter(|(_, c)| c.command == command::ARM_DISARM);
+        .filter(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
     assert!((1..=2).contains(&disarms.count()));
 }
 

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use alight_uav::autopilot::message::{
-    Address, COMPANION_COMPONENT, COMPANION_TYPE, MavlinkMessage, NO_AUTOPILOT,
+    Address, COMPANION_COMPONENT, MavAutopilot, MavMessage, MavType, MavlinkMessage, text,
 };
 use alight_uav::autopilot::wire::Decoder;
 
@@ -59,7 +59,10 @@ impl GroundStation {
             .map(|(_, m)| m)
             .collect();
         let heartbeats = of_vehicle.iter().filter(|m| match m {
-            MavlinkMessage::Heartbeat(h) => h.vehicle == COMPANION_TYPE && h.autopilot == NO_AUTOPILOT,
+            MavlinkMessage::Common(MavMessage::HEARTBEAT(h)) => {
+                h.mavtype == MavType::MAV_TYPE_ONBOARD_CONTROLLER
+                    && h.autopilot == MavAutopilot::MAV_AUTOPILOT_INVALID
+            }
             _ => false,
         });
         assert!(heartbeats.count() > 10);
@@ -78,8 +81,7 @@ impl GroundStation {
             assert!(texts.contains(&state), "{state}: {texts:?}");
         }
         for name in ["deck_m", "link_age_s"] {
-            let of_name =
-                |m: &&&MavlinkMessage| matches!(m, MavlinkMessage::NamedValue { name: n, .. } if n == name);
+            let of_name = |m: &&&MavlinkMessage| matches!(m, MavlinkMessage::Common(MavMessage::NAMED_VALUE_FLOAT(d)) if text(&d.name) == name);
             assert!(of_vehicle.iter().filter(of_name).count() > 10, "{name}");
         }
     }

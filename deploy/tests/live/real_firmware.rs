@@ -9,8 +9,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_uav::autopilot::message::{
-    ARMED, Address, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkMessage, command, id,
+    Address, CommandLong, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavType, MavlinkMessage, heartbeat,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -18,7 +19,6 @@ use alight_uav::autopilot::wire::{Decoder, Encoder};
 use crate::common::{errors, free_port, printed, run};
 
 const PERSON: Address = Address::new(255, 190);
-const TAKE_OFF: u16 = 22;
 /// Height above the pad to which the pilot takes off, m.
 const TAKE_OFF_M: f64 = 8.0;
 /// Height above the pad beyond which the drone counts as flying, m.
@@ -112,14 +112,9 @@ impl Person {
     fn send(&mut self, message: &MavlinkMessage) {
         self.link.send(&self.encoder.frame(PERSON, message).unwrap());
     }
-    fn command(&mut self, command: u16, parameters: [f64; 7]) {
+    fn command<const N: usize>(&mut self, command: MavCmd, parameters: [f64; N]) {
         let to = Address::new(self.system(), 1);
-        self.send(&MavlinkMessage::Command(CommandLong {
-            to,
-            command,
-            confirmation: 0,
-            parameters,
-        }));
+        self.send(&CommandLong::new(to, command, parameters).into());
     }
     /// System id of the firmware: PX4 derives it from the instance number.
     fn system(&self) -> u8 {
@@ -129,38 +124,38 @@ impl Person {
         }
     }
     fn give_mode(&mut self, main: f64, sub: f64) {
-        self.command(
-            command::SET_MODE,
-            [f64::from(CUSTOM_MODE), main, sub, 0.0, 0.0, 0.0, 0.0],
-        );
+        let to = Address::new(self.system(), 1);
+        self.send(&CommandLong::mode(to, [main, sub]).into());
     }
     fn act(&mut self) {
-        self.send(&MavlinkMessage::Heartbeat(Heartbeat {
-            autopilot: 8,
-            vehicle: 6,
-            base_mode: 0,
-            custom_mode: 0,
-        }));
+        self.send(&heartbeat(
+            MavAutopilot::MAV_AUTOPILOT_INVALID,
+            MavType::MAV_TYPE_GCS,
+            MavModeFlag::empty(),
+            0,
+        ));
         if self.beats <= 3 {
-            let position = f64::from(id::LOCAL_POSITION_NED);
-            self.command(
-                command::MESSAGE_INTERVAL,
-                [position, 200_000.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            );
+            let position = f64::from(m::LOCAL_POSITION_NED_DATA::ID);
+            self.command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [position, 200_000.0]);
             return;
         }
         self.aloft += u32::from(self.armed && self.height_m > FLIES_M);
         if self.aloft > 0 && self.mode == self.ours() {
             return;
         }
-        let arm = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let arm = [1.0];
         match self.firmware {
             Firmware::ArduCopter if self.mode != self.ours() => self.give_mode(4.0, 0.0),
-            Firmware::ArduCopter if !self.armed => self.command(command::ARM_DISARM, arm),
+            Firmware::ArduCopter if !self.armed => self.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm),
             Firmware::ArduCopter => {
-                self.command(TAKE_OFF, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, TAKE_OFF_M]);
+                self.command(
+                    MavCmd::MAV_CMD_NAV_TAKEOFF,
+                    [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, TAKE_OFF_M],
+                );
             }
-            Firmware::Px4 if !self.armed && self.aloft == 0 => self.command(command::ARM_DISARM, arm),
+            Firmware::Px4 if !self.armed && self.aloft == 0 => {
+                self.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, arm)
+            }
             // Take-off mode, then hold mode.
             Firmware::Px4 if self.aloft == 0 => self.give_mode(4.0, 2.0),
             Firmware::Px4 if self.aloft > 8 && self.armed => self.give_mode(6.0, 0.0),
@@ -184,17 +179,17 @@ impl Person {
             self.decoder.push(&bytes);
             while let Some(frame) = self.decoder.next_frame() {
                 match frame.message {
-                    MavlinkMessage::Heartbeat(Heartbeat {
-                        autopilot: 3 | 12,
-                        base_mode,
-                        custom_mode,
-                        ..
-                    }) => {
-                        (self.mode, self.armed) = (custom_mode, base_mode & ARMED != 0);
+                    MavlinkMessage::Common(MavMessage::HEARTBEAT(h))
+                        if h.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID =>
+                    {
+                        self.mode = h.custom_mode;
+                        self.armed = h.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
                         self.beats += 1;
                         self.act();
                     }
-                    MavlinkMessage::LocalPosition(p) => self.height_m = -p.position[2],
+                    MavlinkMessage::Common(MavMessage::LOCAL_POSITION_NED(d)) => {
+                        self.height_m = -f64::from(d.z)
+                    }
                     MavlinkMessage::Text { text, .. } => self.texts.push(text),
                     _ => {}
                 }

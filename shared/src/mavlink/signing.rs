@@ -213,7 +213,7 @@ impl Signatures {
         &mut self,
         raw: &MAVLinkMessageRaw,
         signing: Option<&Signing>,
-        whenever: bool,
+        whenever: impl FnOnce() -> bool,
     ) -> bool {
         let signed = match raw {
             MAVLinkMessageRaw::V1(_) => None,
@@ -225,7 +225,7 @@ impl Signatures {
             (Some(_), None) if raw.message_id() == RADIO_STATUS => return true,
             (Some(_), None) => (&mut self.unsigned, false),
             (Some(s), Some(frame)) if !s.is_signature(frame) => (&mut self.other_key, false),
-            (Some(s), Some(frame)) if !s.any_time && !s.is_later(frame) && !whenever => {
+            (Some(s), Some(frame)) if !s.any_time && !s.is_later(frame) && !whenever() => {
                 (&mut self.old, false)
             }
             (Some(_), Some(_)) => return true,
@@ -237,6 +237,7 @@ impl Signatures {
 
 #[cfg(test)]
 mod tests {
+    use super::super::dialect::MavMessage;
     use super::super::{Bytes, FrameReader, MavlinkSender, Outgoing, encode};
     use super::*;
 
@@ -367,7 +368,7 @@ mod tests {
         let count = |whenever: bool| {
             let mut reader = FrameReader::signed(Some(Signing::new([1; 32])));
             if whenever {
-                reader = reader.whenever(|id, _| id == 0);
+                reader = reader.whenever(|m| matches!(m, MavMessage::HEARTBEAT(_)));
             }
             frames.iter().for_each(|bytes| reader.push(bytes));
             core::iter::from_fn(|| reader.next_frame()).count()

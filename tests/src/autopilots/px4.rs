@@ -2,7 +2,7 @@
 //! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). IMU_GYRO_RATEMAX determines whether
 //! PX4 runs its rate loop and answers at every sample, at every second or at every third.
 
-use alight_uav::autopilot::message::{Address, MavlinkMessage};
+use alight_uav::autopilot::message::{Address, MavMessage, MavModeFlag, MavlinkMessage, wide};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
@@ -14,7 +14,6 @@ pub const EXCHANGE_HZ: u32 = 400;
 const MAX_ANSWER_PERIOD: u64 = 4;
 /// MAVLink address of the simulator.
 const US: Address = Address::new(1, 200);
-const ARMED: u8 = 128;
 
 pub struct Px4Plant {
     config: FirmwareConfig,
@@ -65,21 +64,17 @@ impl Px4Plant {
         self.decoder.push(bytes);
         let before = self.answers;
         while let Some(frame) = self.decoder.next_frame() {
-            if let MavlinkMessage::HilActuators {
-                controls,
-                mode,
-                time_us,
-            } = frame.message
-            {
+            if let MavlinkMessage::Common(MavMessage::HIL_ACTUATOR_CONTROLS(d)) = frame.message {
                 self.answers += 1;
                 self.every_us = match self.answered_us {
                     0 => 0,
-                    before => time_us
+                    before => (d.time_usec)
                         .saturating_sub(before)
                         .min(MAX_ANSWER_PERIOD * self.period_us),
                 };
-                self.answered_us = time_us.min(self.sampled_us);
-                self.outputs = (mode & ARMED != 0).then_some(controls);
+                self.answered_us = d.time_usec.min(self.sampled_us);
+                let is_armed = d.mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+                self.outputs = is_armed.then(|| wide(d.controls));
             }
         }
         self.answers > before

@@ -3,8 +3,9 @@
 use alight_shared::frames::TrueNed;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
+use alight_shared::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA;
 use alight_shared::time::Time;
-use alight_uav::autopilot::message::{Address, HilGps, HilSensor, MavlinkMessage};
+use alight_uav::autopilot::message::{Address, HilGps, HilSensor, MavMessage, MavModeFlag};
 use alight_uav::autopilot::wire::Encoder;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -45,15 +46,21 @@ pub fn read_line(line: &str) -> Option<PlantState> {
 
 /// PX4's answer to the sample of `time_us`: motor outputs, each 0 to 1.
 pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Vec<u8> {
-    let mut controls = [0.0; 16];
-    controls.iter_mut().zip(outputs).for_each(|(c, u)| *c = u);
-    let answer = MavlinkMessage::HilActuators {
-        time_us,
-        controls,
-        mode: if armed { 129 } else { 1 },
+    let mut answer = HIL_ACTUATOR_CONTROLS_DATA {
+        time_usec: time_us,
+        mode: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+        ..HIL_ACTUATOR_CONTROLS_DATA::DEFAULT
     };
+    let controls = answer.controls.iter_mut().zip(outputs);
+    controls.for_each(|(c, u)| *c = u as f32);
+    if armed {
+        answer.mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+    }
     Encoder::default()
-        .frame(Address::new(1, 1), &answer)
+        .frame(
+            Address::new(1, 1),
+            &MavMessage::HIL_ACTUATOR_CONTROLS(answer).into(),
+        )
         .unwrap_or_default()
 }
 

@@ -12,7 +12,7 @@ use alight_shared::msg::{
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessKind::{self, Camera, Uvdar};
 use alight_shared::time::{DroneClock, Span};
-use alight_uav::autopilot::message::CommandResult;
+use alight_uav::autopilot::message::MavResult;
 use alight_usv::sensors::Readings;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
@@ -272,7 +272,7 @@ pub struct AutopilotFaults {
     /// Ids of messages that are not sent.
     pub muted: Vec<u32>,
     /// Answer to every command; commands are not executed.
-    pub answer: Option<CommandResult>,
+    pub answer: Option<MavResult>,
     pub no_battery: bool,
     /// The reported charge freezes (0), or toggles between the frozen value and one higher by this amount.
     pub battery_stuck: Option<f64>,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_uav::autopilot::AutopilotOut;
-use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage, command};
+use alight_uav::autopilot::message::{Address, MavCmd, MavMessage, MavlinkFrame, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use nalgebra::Vector3;
@@ -140,7 +140,10 @@ impl LinkedAutopilot {
 fn commands(message: &MavlinkMessage) -> bool {
     match message {
         MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => true,
-        MavlinkMessage::Command(c) => matches!(c.command, command::SET_MODE | command::ARM_DISARM),
+        MavlinkMessage::Common(MavMessage::COMMAND_LONG(c)) => matches!(
+            c.command,
+            MavCmd::MAV_CMD_DO_SET_MODE | MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+        ),
         _ => false,
     }
 }

@@ -5,7 +5,7 @@ use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::FaultKind;
-use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::message::MavCmd;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use crate::{BOTH, at_sea};
@@ -154,7 +154,9 @@ fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f
         flown.stopped_s = (!o.motors_on).then(|| flown.stopped_s.unwrap_or(t));
         flown.water |= o.in_water;
         let commands = &mut rig.world.linked(0).unwrap().autopilot.commands;
-        let orders = commands.iter().filter(|(_, c)| c.command == command::ARM_DISARM);
+        let orders = commands
+            .iter()
+            .filter(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let count = orders.count();
         if count > disarmed {
             (disarmed, highest_m) = (count, highest_m.max(height_m));

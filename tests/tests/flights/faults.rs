@@ -13,7 +13,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::{Fault, FaultKind, FaultTimer, FaultTurn, Moment};
 use alight_sim::physics::deck_motion::DeckMotionConfig;
 use alight_sim::physics::sea::SeaConfig;
-use alight_uav::autopilot::message::{CommandResult, command};
+use alight_uav::autopilot::message::{MavCmd, MavResult};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -110,7 +110,7 @@ impl Case {
         let first = autopilot
             .commands
             .iter()
-            .find(|(_, c)| c.command == command::ARM_DISARM);
+            .find(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let after_the_stop = self.fault.is_some_and(|f| f.moment == Moment::In(State::Landed));
         after_the_stop && first.is_none_or(|(at, _)| now_s < at.secs() + DENIES_S)
     }
@@ -134,7 +134,7 @@ impl Case {
             }
             let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
             let denied = touched_s.is_some() && self.is_denied(autopilot, now_s);
-            autopilot.answer = denied.then_some(CommandResult::Denied);
+            autopilot.answer = denied.then_some(MavResult::MAV_RESULT_DENIED);
             if touched_s.is_none() {
                 tilt.observe(autopilot, &attitude);
             }

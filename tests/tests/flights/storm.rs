@@ -2,11 +2,11 @@
 //! drawn storms are the same in each run and reveal changes that often break a rule (`alight study storm`
 //! flies thousands).
 
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormEnding, StormRule};
 use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_mutant};
 use alight_sim::physics::vessel::VesselCourse;
-use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
@@ -213,7 +213,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             (landing(vec![blind]), StormRule::HardContact)
         }
         Mutant::ThrustMissing => {
-            let thrust = f64::from(id::ATTITUDE_TARGET);
+            let thrust = f64::from(m::ATTITUDE_TARGET_DATA::ID);
             let faults = vec![
                 fault(FaultKind::StreamStops, Descent, 0.1, thrust, 60.0),
                 killed(FaultKind::LinkKilled, Flare, 1.1, 4.0),

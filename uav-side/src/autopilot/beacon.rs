@@ -9,7 +9,7 @@ use alight_shared::msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_B
 use alight_shared::time::Span;
 
 use super::config::AutopilotLinkConfig;
-use super::message::{MavlinkFrame, MavlinkMessage};
+use super::message::{MavMessage as M, MavlinkFrame, MavlinkMessage};
 use super::place_report::{AisReport, PlaceReport};
 use super::{DroneTime, Output, OutputHeaders};
 
@@ -50,15 +50,17 @@ impl OtherSystems {
     ) -> Option<DeckBeacon> {
         let system = frame.from.system;
         let counts = system != 0 && system == c.beacon_system && own != Some(system);
-        let mut beacon = if let MavlinkMessage::GlobalPosition(report) = &frame.message {
-            counts.then(|| beacon_of(now, BeaconSource::GlobalPosition, report))
-        } else if let MavlinkMessage::FollowTarget(report) = &frame.message {
-            counts.then(|| beacon_of(now, BeaconSource::FollowTarget, report))
-        } else if let MavlinkMessage::Ais(report) = &frame.message {
-            self.beacon_by_ais(now, report, c.beacon_mmsi)
-        } else {
-            None
-        }?;
+        let mut beacon = match &frame.message {
+            MavlinkMessage::Common(M::GLOBAL_POSITION_INT(d)) if counts => {
+                beacon_of(now, BeaconSource::GlobalPosition, &d.into())
+            }
+            MavlinkMessage::Common(M::FOLLOW_TARGET(d)) if counts => {
+                beacon_of(now, BeaconSource::FollowTarget, &d.into())
+            }
+            MavlinkMessage::Common(M::AIS_VESSEL(d)) => self.beacon_by_ais(now, &d.into(), c.beacon_mmsi)?,
+            MavlinkMessage::Ais(report) => self.beacon_by_ais(now, report, c.beacon_mmsi)?,
+            _ => return None,
+        };
         beacon.header = headers.next(Output::Beacon, beacon.header.at);
         // Receivers without a fix report 0, 0.
         let fixed = beacon.latitude_deg != 0.0 || beacon.longitude_deg != 0.0;
@@ -109,8 +111,8 @@ fn beacon_of(now: DroneTime, source: BeaconSource, report: &PlaceReport) -> Deck
 #[cfg(test)]
 mod tests {
     use super::super::message::Address;
-    use super::super::wire::{Decoder, Encoder};
     use super::*;
+    use alight_shared::mavlink::dialect as m;
     use alight_shared::time::Time;
 
     type Link = (OtherSystems, AutopilotLinkConfig);
@@ -123,51 +125,52 @@ mod tests {
         };
         (OtherSystems::default(), config)
     }
-    fn received((others, c): &mut Link, system: u8, message: &MavlinkMessage) -> Option<DeckBeacon> {
-        let bytes = Encoder::default()
-            .frame(Address::new(system, 1), message)
-            .unwrap();
-        let mut decoder = Decoder::default();
-        decoder.push(&bytes);
-        let frame = decoder.next_frame().unwrap();
+    fn received(
+        (others, c): &mut Link,
+        system: u8,
+        message: impl Into<MavlinkMessage>,
+    ) -> Option<DeckBeacon> {
+        let frame = MavlinkFrame {
+            from: Address::new(system, 1),
+            message: message.into(),
+        };
         let headers = &mut OutputHeaders::default();
         others.beacon(Time::from_secs(3.0), &frame, None, c, headers)
+    }
+    fn tracker(lat: i32, lon: i32) -> M {
+        M::GLOBAL_POSITION_INT(m::GLOBAL_POSITION_INT_DATA {
+            lat,
+            lon,
+            vx: 150,
+            vy: -200,
+            ..m::GLOBAL_POSITION_INT_DATA::DEFAULT
+        })
     }
 
     #[test]
     fn beacon_of_the_configured_system_alone() {
-        let report = PlaceReport {
-            latitude_deg: 59.345_678_9,
-            longitude_deg: -18.1,
-            velocity: Some([1.5, -2.0]),
-            error_m: None,
-        };
         let mut link = link(42, 0);
-        let tracker = MavlinkMessage::GlobalPosition(report);
-        let m = received(&mut link, 42, &tracker).unwrap();
+        let tracker_at = || tracker(593_456_789, -181_000_000);
+        let m = received(&mut link, 42, tracker_at()).unwrap();
         assert_eq!(
             (m.header.at, m.source),
             (Time::from_secs(3.0), BeaconSource::GlobalPosition)
         );
-        assert!((m.latitude_deg - report.latitude_deg).abs() < 1e-6 && m.velocity == [1.5, -2.0]);
+        assert!((m.latitude_deg - 59.345_678_9).abs() < 1e-6 && m.velocity == [1.5, -2.0]);
         assert_eq!(m.place_sd_m, PLACE_SD_M);
-        assert_eq!(received(&mut link, 41, &tracker), None);
-        assert_eq!(received(&mut self::link(0, 0), 42, &tracker), None);
-        let phone = MavlinkMessage::FollowTarget(PlaceReport {
+        assert_eq!(received(&mut link, 41, tracker_at()), None);
+        assert_eq!(received(&mut self::link(0, 0), 42, tracker_at()), None);
+        let phone = PlaceReport {
+            latitude_deg: 59.0,
+            longitude_deg: -18.0,
             velocity: None,
             error_m: Some(12.0),
-            ..report
-        });
-        let m = received(&mut link, 42, &phone).unwrap();
+        };
+        let m = received(&mut link, 42, phone.follow_target()).unwrap();
         assert_eq!((m.source, m.place_sd_m), (BeaconSource::FollowTarget, 12.0));
         assert_eq!(m.velocity_sd_mps, UNKNOWN_VELOCITY_SD_MPS);
-        // A phone without a fix.
-        let none = MavlinkMessage::GlobalPosition(PlaceReport {
-            latitude_deg: 0.0,
-            longitude_deg: 0.0,
-            ..report
-        });
-        assert_eq!(received(&mut link, 42, &none), None);
+        // A tracker without a fix.
+        assert_eq!(received(&mut link, 42, tracker(0, 0)), None);
     }
     #[test]
     fn beacon_by_ais_of_the_configured_vessel() {
@@ -182,7 +185,20 @@ mod tests {
             },
             age_s: 1.0,
         };
-        let m = received(&mut link, 1, &MavlinkMessage::Ais(report)).unwrap();
+        let valid = m::AisFlags::AIS_FLAGS_VALID_COG | m::AisFlags::AIS_FLAGS_VALID_VELOCITY;
+        let by_autopilot = |flags| {
+            M::AIS_VESSEL(m::AIS_VESSEL_DATA {
+                MMSI: report.mmsi,
+                lat: 406_845_400,
+                lon: -740_721_310,
+                tslc: 1,
+                velocity: 500,
+                COG: 30_687,
+                flags,
+                ..m::AIS_VESSEL_DATA::DEFAULT
+            })
+        };
+        let m = received(&mut link, 1, by_autopilot(valid)).unwrap();
         assert_eq!((m.source, m.header.at), (BeaconSource::Ais, Time::from_secs(2.0)));
         assert!((m.velocity[0] - 3.0).abs() < 0.01 && (m.velocity[1] + 4.0).abs() < 0.01);
         // The error includes the distance that a fast vessel travels during the delay.
@@ -191,6 +207,7 @@ mod tests {
             "{}",
             m.place_sd_m
         );
+        assert!(received(&mut link, 1, MavlinkMessage::Ais(report)).is_some());
         // A repetition, another vessel, a report without a fix, and any report without a configured MMSI are
         // rejected.
         let changed = |change: fn(&mut AisReport)| {
@@ -205,11 +222,11 @@ mod tests {
             changed(|r| (r.place.latitude_deg, r.age_s) = (41.0, 300.0)),
             changed(|r| r.place.velocity = Some([60.0, 0.0])),
         ] {
-            assert_eq!(received(&mut link, 1, &wrong), None, "{wrong:?}");
+            assert_eq!(received(&mut link, 1, wrong.clone()), None, "{wrong:?}");
         }
-        assert!(received(&mut link, 1, &changed(|r| r.place.velocity = None)).is_some());
+        assert!(received(&mut link, 1, by_autopilot(m::AisFlags::empty())).is_some());
         assert_eq!(
-            received(&mut self::link(42, 0), 42, &MavlinkMessage::Ais(report)),
+            received(&mut self::link(42, 0), 42, MavlinkMessage::Ais(report)),
             None
         );
     }

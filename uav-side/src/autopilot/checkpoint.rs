@@ -113,7 +113,7 @@ impl AutopilotLink {
             header,
             commanding: self.control_authority().commands(),
             vehicle: peer.address.system,
-            autopilot: peer.firmware.number(),
+            autopilot: peer.firmware.autopilot() as u8,
             mode: self.inputs.mode,
             landed: peer.landed(now),
             clock_offset_ns,

@@ -10,10 +10,10 @@ use std::collections::VecDeque;
 
 use alight_shared::admission::Periodic;
 use alight_shared::estimation::OffsetBounds;
+use alight_shared::mavlink::dialect::TIMESYNC_DATA;
 use alight_shared::time::{DroneClock, Span, Time};
 
 use super::DroneTime;
-use super::message::MavlinkMessage;
 
 const MAX_REQUESTS: usize = 16;
 const MAX_EXCHANGES: usize = 20;
@@ -53,14 +53,16 @@ pub(crate) struct RemoteClock {
 }
 
 impl RemoteClock {
-    pub(crate) fn ask(&mut self, now: DroneTime, hz: f64) -> Option<MavlinkMessage> {
+    pub(crate) fn ask(&mut self, now: DroneTime, hz: f64) -> Option<TIMESYNC_DATA> {
         if !self.timer.is_due_spaced(now, Span::from_secs(1.0 / hz)) {
             return None;
         }
         self.requests.push_front(now.nanos());
         self.requests.truncate(MAX_REQUESTS);
-        let (remote_ns, local_ns) = (0, now.nanos());
-        Some(MavlinkMessage::Timesync { remote_ns, local_ns })
+        Some(TIMESYNC_DATA {
+            ts1: now.nanos(),
+            ..TIMESYNC_DATA::DEFAULT
+        })
     }
     /// Processes a possible answer. Returns whether the autopilot has restarted.
     pub(crate) fn on_answer(&mut self, now: DroneTime, asked_ns: i64, remote_ns: i64, limit_s: f64) -> bool {

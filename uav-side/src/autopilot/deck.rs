@@ -1,14 +1,16 @@
 //! Optional publication of the deck on the link, as `LANDING_TARGET` or as `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and as an array of numbers.
 
+use alight_shared::mavlink::dialect::{
+    DEBUG_FLOAT_ARRAY_DATA, LANDING_TARGET_DATA, LandingTargetType, MavBool, MavFrame,
+};
 use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
 use alight_shared::time::Span;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::DeckMessage;
-use super::message::command::SET_HOME;
 use super::message::{
-    CommandLong, LandingTarget, MavlinkMessage, TargetAbsolute, TargetFrame, TargetRelative,
+    CommandLong, MavCmd, MavMessage, MavlinkMessage, TargetAbsolute, TargetRelative, chars, narrow,
 };
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, DroneTime};
@@ -46,38 +48,59 @@ impl AutopilotLink {
                 out.messages.extend(absolute.map(MavlinkMessage::TargetAbsolute));
                 None
             }
-            Some(Firmware::Px4) => Some(LandingTarget {
-                time_us: own_us(now),
-                frame: TargetFrame::LocalNed,
-                position,
-                distance_m: 0.0,
-                attitude: quaternion(&attitude(&d)),
-                size_m: self.config.deck_tag_m,
+            Some(Firmware::Px4) => Some(LANDING_TARGET_DATA {
+                time_usec: own_us(now),
+                frame: MavFrame::MAV_FRAME_LOCAL_NED,
+                ..self.target(position, &attitude(&d))
             }),
             Some(Firmware::ArduCopter) => self.target_from_vehicle(now),
             None => None,
         };
-        out.messages.extend(target.map(MavlinkMessage::LandingTarget));
-        out.messages.push(MavlinkMessage::Deck {
-            time_us,
-            values: [position, velocity, d.euler, d.euler_rates, d.position_sd],
-        });
+        if let Some(target) = target {
+            out.send(MavMessage::LANDING_TARGET(target));
+        }
+        let mut array = DEBUG_FLOAT_ARRAY_DATA {
+            time_usec: time_us,
+            name: chars("deck"),
+            ..DEBUG_FLOAT_ARRAY_DATA::DEFAULT
+        };
+        // Position (m) and velocity (m/s) in NED, roll, pitch, yaw (rad), their rates (rad/s), and standard deviation
+        // of the position (m).
+        let values = [position, velocity, d.euler, d.euler_rates, d.position_sd];
+        let numbers = array.data.iter_mut().zip(values.as_flattened());
+        numbers.for_each(|(to, value)| *to = *value as f32);
+        // An autopilot would treat ODOMETRY as its own pose.
+        out.send(MavMessage::DEBUG_FLOAT_ARRAY(array));
     }
     /// Deck for ArduCopter, relative to the vehicle at its newest odometry, in body axes.
-    fn target_from_vehicle(&self, now: DroneTime) -> Option<LandingTarget> {
+    fn target_from_vehicle(&self, now: DroneTime) -> Option<LANDING_TARGET_DATA> {
         let state = self.estimate.state?;
         let deck = self.inputs.deck(state.header.at)?;
         let body = state.attitude();
         let apart = body.inverse() * (Vector3::from(deck.position) - state.position());
         let distance_m = apart.norm();
-        (distance_m > 0.0).then(|| LandingTarget {
-            time_us: self.clock.remote_time_us(now, state.header.at),
-            frame: TargetFrame::BodyFrd,
-            position: apart.into(),
-            distance_m,
-            attitude: quaternion(&(body.inverse() * attitude(&deck))),
-            size_m: self.config.deck_tag_m,
+        (distance_m > 0.0).then(|| LANDING_TARGET_DATA {
+            time_usec: self.clock.remote_time_us(now, state.header.at),
+            frame: MavFrame::MAV_FRAME_BODY_FRD,
+            distance: distance_m as f32,
+            ..self.target(apart.into(), &(body.inverse() * attitude(&deck)))
         })
+    }
+    /// Centre of the deck, m, and the rotation from the deck to the target's frame.
+    fn target(&self, position: [f64; 3], attitude: &UnitQuaternion<f64>) -> LANDING_TARGET_DATA {
+        let [x, y, z] = narrow(position);
+        let size = self.config.deck_tag_m as f32;
+        LANDING_TARGET_DATA {
+            x,
+            y,
+            z,
+            q: narrow(quaternion(attitude)),
+            size_x: size,
+            size_y: size,
+            mavtype: LandingTargetType::LANDING_TARGET_TYPE_VISION_FIDUCIAL,
+            position_valid: MavBool::MAV_BOOL_TRUE,
+            ..LANDING_TARGET_DATA::DEFAULT
+        }
     }
     /// Deck as a marker for PX4's vision target estimator, relative to the vehicle at its newest odometry.
     fn target_relative(&self) -> Option<TargetRelative> {
@@ -121,7 +144,11 @@ impl AutopilotLink {
             return;
         }
         let (lat, lon) = (place.latitude_deg, place.longitude_deg);
-        let command = CommandLong::new(peer.address, SET_HOME, [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m]);
+        let command = CommandLong::new(
+            peer.address,
+            MavCmd::MAV_CMD_DO_SET_HOME,
+            [0.0, 0.0, 0.0, 0.0, lat, lon, sea_m],
+        );
         out.send(command);
         self.commands.home = Some((now, place));
     }

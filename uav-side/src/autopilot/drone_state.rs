@@ -5,6 +5,8 @@ use alight_shared::estimation::low_pass;
 use alight_shared::frames::{DroneNed, Vector};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
+use alight_shared::mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, ODOMETRY_DATA};
+use alight_shared::mavlink::fields;
 use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, RangeSample, SetPoint};
 use alight_shared::time::Span;
 use alight_shared::topics;
@@ -13,7 +15,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::config::AutopilotLinkConfig;
 use super::heading::HeadingAlignment;
 use super::inputs::LinkInputs;
-use super::message::{DistanceReport, OdometryReport, VelocityFrame};
+use super::message::wide;
 use super::modes::Firmware;
 use super::origin::AutopilotOrigin;
 use super::thrust::HoverThrust;
@@ -138,28 +140,34 @@ impl DroneStateAssembler {
     pub(crate) fn odometry(
         &mut self,
         at: DroneTime,
-        o: &OdometryReport,
+        d: &ODOMETRY_DATA,
         c: &AutopilotLinkConfig,
     ) -> Option<DroneState> {
-        let Some(q) = rotation(o.attitude) else {
+        let Some(q) = rotation(wide(d.q)) else {
             return self.reject();
         };
         self.odometry_at = Some(at);
-        if self.reported_resets.is_some_and(|r| r != o.resets) {
+        if self.reported_resets.is_some_and(|r| r != d.reset_counter) {
             self.resets = self.resets.wrapping_add(1);
         }
-        self.reported_resets = Some(o.resets);
-        let velocity = match o.frame {
-            VelocityFrame::Ned => Vector3::from(o.velocity),
-            VelocityFrame::Body => q * Vector3::from(o.velocity),
+        self.reported_resets = Some(d.reset_counter);
+        let velocity = Vector3::from(wide(fields!(d, vx vy vz)));
+        let velocity = match d.child_frame_id {
+            MavFrame::MAV_FRAME_BODY_FRD => q * velocity,
+            _ => velocity,
         };
+        let rates = wide(fields!(d, rollspeed pitchspeed yawspeed));
+        // Upper triangles of 6 x 6 matrices, row by row; the first element of an unknown covariance is NaN.
+        let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
+        let known = p[0].is_finite() && v[0].is_finite();
+        let variances = [[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]];
         self.state(
             at,
-            o.position,
+            wide(fields!(d, x y z)),
             velocity.into(),
             [q; 2],
-            o.rates.into(),
-            o.variances,
+            rates.into(),
+            known.then_some(variances),
             c,
         )
     }
@@ -254,16 +262,28 @@ impl DroneStateAssembler {
     }
 }
 
-/// Range; None outside the rangefinder's limits and for an invalid 0 m.
-pub(super) fn range(at: DroneTime, d: &DistanceReport, c: &AutopilotLinkConfig) -> Option<RangeSample> {
-    let ([low, high], variance) = (d.limits_m, d.variance.filter(|v| *v > 0.0));
+/// `signal_quality` of an invalid reading, and `covariance` of an unknown one.
+const INVALID: u8 = 1;
+const UNKNOWN: u8 = u8::MAX;
+
+/// Whether a reading is invalid; rangefinders cannot measure 0 m.
+pub(super) fn is_invalid(d: &DISTANCE_SENSOR_DATA) -> bool {
+    d.signal_quality == INVALID || d.current_distance == 0
+}
+
+/// Range; None outside the rangefinder's limits and for an invalid reading.
+pub(super) fn range(at: DroneTime, d: &DISTANCE_SENSOR_DATA, c: &AutopilotLinkConfig) -> Option<RangeSample> {
     let sample = RangeSample {
         header: Header::new(0, 0, 0, 0, at),
-        range_m: d.range_m,
-        variance: variance.unwrap_or(c.range_sd_m * c.range_sd_m),
+        range_m: f64::from(d.current_distance) * 0.01,
+        variance: match d.covariance {
+            0 | UNKNOWN => c.range_sd_m * c.range_sd_m,
+            square_cm => f64::from(square_cm) * 1e-4,
+        },
     };
     // A rangefinder without an echo reports its maximum distance.
-    (d.range_m > 0.0 && (low..high).contains(&d.range_m) && sample.check().is_ok()).then_some(sample)
+    let within = (d.min_distance..d.max_distance).contains(&d.current_distance);
+    (!is_invalid(d) && within && sample.check().is_ok()).then_some(sample)
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -402,22 +422,23 @@ impl DroneEstimate {
 
 #[cfg(test)]
 mod tests {
+    use super::super::message::narrow;
     use super::*;
+    use MavFrame::{MAV_FRAME_BODY_FRD, MAV_FRAME_LOCAL_NED};
 
     fn t(s: f64) -> DroneTime {
         DroneTime::from_secs(s)
     }
-    fn report(position: [f64; 3], frame: VelocityFrame, resets: u8) -> OdometryReport {
+    fn report(x: f64, child_frame_id: MavFrame, reset_counter: u8) -> ODOMETRY_DATA {
         let q = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::FRAC_PI_2);
-        OdometryReport {
-            time_us: 0,
-            position,
-            attitude: [q.w, q.i, q.j, q.k],
-            velocity: [1.0, 0.0, 0.0],
-            frame,
-            rates: [0.0; 3],
-            variances: None,
-            resets,
+        ODOMETRY_DATA {
+            x: x as f32,
+            q: narrow([q.w, q.i, q.j, q.k]),
+            vx: 1.0,
+            child_frame_id,
+            pose_covariance: [f32::NAN; 21],
+            reset_counter,
+            ..ODOMETRY_DATA::DEFAULT
         }
     }
 
@@ -427,11 +448,11 @@ mod tests {
         let mut f = DroneStateAssembler::default();
         f.imu(t(1.0), [0.0, 0.0, -9.8]);
         let ned = f
-            .odometry(t(1.0), &report([0.0; 3], VelocityFrame::Ned, 0), &c)
+            .odometry(t(1.0), &report(0.0, MAV_FRAME_LOCAL_NED, 0), &c)
             .unwrap();
         assert!((ned.velocity[0] - 1.0).abs() < 1e-12);
         let body = f
-            .odometry(t(1.01), &report([0.0; 3], VelocityFrame::Body, 0), &c)
+            .odometry(t(1.01), &report(0.0, MAV_FRAME_BODY_FRD, 0), &c)
             .unwrap();
         assert!((body.velocity[1] - 1.0).abs() < 1e-12, "{:?}", body.velocity);
         assert_eq!(body.position_sd, [0.3; 3]);
@@ -441,7 +462,7 @@ mod tests {
     fn drone_state_inputs_and_time() {
         let c = AutopilotLinkConfig::default();
         let mut f = DroneStateAssembler::default();
-        let r = report([0.0; 3], VelocityFrame::Ned, 0);
+        let r = report(0.0, MAV_FRAME_LOCAL_NED, 0);
         assert!(f.odometry(t(1.0), &r, &c).is_none());
         for k in 0..4 {
             f.imu(t(1.0 + 0.002 * f64::from(k)), [f64::from(k), 0.0, -9.8]);
@@ -451,8 +472,8 @@ mod tests {
         assert!(f.odometry(t(1.01), &r, &c).is_none());
         assert!(f.odometry(t(1.0), &r, &c).is_none());
         assert!(f.odometry(t(1.2), &r, &c).is_none());
-        let broken = OdometryReport {
-            attitude: [f64::NAN; 4],
+        let broken = ODOMETRY_DATA {
+            q: [f32::NAN; 4],
             ..r
         };
         assert!(f.odometry(t(1.21), &broken, &c).is_none());
@@ -466,10 +487,10 @@ mod tests {
         for k in 0..200_u32 {
             let at = |frozen: bool| 0.01 * f64::from(if frozen { k.min(100) } else { k });
             let q = UnitQuaternion::from_euler_angles(0.1 * at(froze[1]), 0.0, 0.0);
-            let report = OdometryReport {
-                attitude: [q.w, q.i, q.j, q.k],
-                velocity: [at(froze[0]), 0.0, 0.0],
-                ..report([at(froze[0]), 0.0, 0.0], VelocityFrame::Ned, 0)
+            let report = ODOMETRY_DATA {
+                q: narrow([q.w, q.i, q.j, q.k]),
+                vx: at(froze[0]) as f32,
+                ..report(at(froze[0]), MAV_FRAME_LOCAL_NED, 0)
             };
             let now = t(1.0 + 0.01 * f64::from(k));
             f.imu(now, [0.1 * at(froze[2]), 0.0, -9.8]);
@@ -516,7 +537,7 @@ mod tests {
         for (k, resets) in [7, 7, 8].into_iter().enumerate() {
             let at = t(1.0 + 0.01 * k as f64);
             f.imu(at, [0.0, 0.0, -9.8]);
-            f.odometry(at, &report([0.0; 3], VelocityFrame::Ned, resets), &c);
+            f.odometry(at, &report(0.0, MAV_FRAME_LOCAL_NED, resets), &c);
         }
         assert_eq!((f.resets, f.frames), (1, 0));
         f.restart();
@@ -524,25 +545,21 @@ mod tests {
     }
     #[test]
     fn rangefinder_at_its_limit() {
-        let sample = |range_m, variance| {
-            let report = DistanceReport {
-                time_ms: 0,
-                range_m,
-                limits_m: [0.0, 10.0],
-                variance,
+        let sample = |current_distance, covariance, signal_quality| {
+            let report = DISTANCE_SENSOR_DATA {
+                max_distance: 1000,
+                current_distance,
+                covariance,
+                signal_quality,
+                ..DISTANCE_SENSOR_DATA::DEFAULT
             };
             range(t(1.0), &report, &AutopilotLinkConfig::default())
         };
-        assert!(sample(10.0, None).is_none() && sample(f64::NAN, None).is_none());
-        // A rangefinder reports an invalid 0 m.
-        let none = DistanceReport {
-            time_ms: 0,
-            range_m: 0.0,
-            limits_m: [0.0, 30.0],
-            variance: None,
-        };
-        assert!(range(t(1.0), &none, &AutopilotLinkConfig::default()).is_none());
-        let s = sample(2.0, Some(0.0)).unwrap();
+        for wrong in [(1000, 255, 0), (0, 255, 0), (150, 255, INVALID)] {
+            assert_eq!(sample(wrong.0, wrong.1, wrong.2), None, "{wrong:?}");
+        }
+        assert!(sample(150, 255, 100).is_some_and(|s| (s.range_m - 1.5).abs() < 1e-9));
+        let s = sample(200, 0, 0).unwrap();
         assert!((s.variance - 0.0004).abs() < 1e-12);
     }
 }

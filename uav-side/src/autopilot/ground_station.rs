@@ -2,6 +2,7 @@
 //! and for each alarm, and four named values at a low rate.
 
 use alight_shared::admission::Periodic;
+use alight_shared::mavlink::dialect::NAMED_VALUE_FLOAT_DATA;
 use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
@@ -9,7 +10,7 @@ use nalgebra::Vector3;
 use super::clock::RemoteClock;
 use super::drone_state::DroneEstimate;
 use super::inputs::LinkInputs;
-use super::message::{CommandLong, MavlinkMessage, severity};
+use super::message::{MavMessage, MavlinkMessage, chars, severity};
 use super::moving_base::RelativeReports;
 use super::rc_switch::RcSwitch;
 use super::station::StationOrders;
@@ -43,8 +44,8 @@ impl AutopilotOut {
         self.messages.push(status_text(severity, &text));
         self.texts.push(text);
     }
-    pub(super) fn send(&mut self, command: CommandLong) {
-        self.messages.push(MavlinkMessage::Command(command));
+    pub(super) fn send(&mut self, message: impl Into<MavlinkMessage>) {
+        self.messages.push(message.into());
     }
 }
 
@@ -102,7 +103,7 @@ impl GroundReports {
         if !self.values.is_due_spaced(now, VALUES) {
             return;
         }
-        let time_ms = (clock.remote_time_us(now, now) / 1000) as u32;
+        let time_boot_ms = (clock.remote_time_us(now, now) / 1000) as u32;
         let wind = estimate.state.and_then(|s| s.wind).map(Wind::towards);
         let apart = (estimate.fresh(now).zip(inputs.deck(now)))
             .map(|(state, deck)| (Vector3::from(deck.position) - state.position()).norm());
@@ -112,14 +113,15 @@ impl GroundReports {
             (WIND[0], wind.map(|w| w.speed_mps)),
             (WIND[1], wind.map(|w| w.from_deg as f64)),
         ];
-        out.messages
-            .extend(values.into_iter().filter_map(|(name, value)| {
-                Some(MavlinkMessage::NamedValue {
-                    time_ms,
-                    name: name.into(),
-                    value: value?,
-                })
-            }));
+        for (name, value) in values {
+            if let Some(value) = value {
+                out.send(MavMessage::NAMED_VALUE_FLOAT(NAMED_VALUE_FLOAT_DATA {
+                    time_boot_ms,
+                    value: value as f32,
+                    name: chars(name),
+                }));
+            }
+        }
     }
     /// Text for a new state, otherwise for the awaited condition.
     fn report(&mut self, now: DroneTime, m: &MissionState) -> Option<MavlinkMessage> {

@@ -6,12 +6,12 @@
 //! absolute position implies alignment. Without a status, a heading that has not jumped for [`STEADY_S`]
 //! counts as aligned.
 
+use alight_shared::mavlink::dialect::EstimatorStatusFlags as Flags;
 use alight_shared::msg::DroneState;
 use alight_shared::time::Span;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::DroneTime;
-use super::message::estimator;
 use crate::odometry::origin::yaw_jump;
 
 const STATUS_STALE: Span = Span::from_millis(3000);
@@ -29,10 +29,10 @@ pub(crate) struct HeadingAlignment {
 }
 
 impl HeadingAlignment {
-    /// Processes the estimator's status (bits of [`estimator`]).
-    pub(crate) fn status(&mut self, now: DroneTime, flags: u16) {
-        let needed = estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS;
-        let aligned = flags & needed == needed;
+    /// Processes the estimator's status; both firmwares use the same bits. Without a position measurement an
+    /// estimator assumes a constant position.
+    pub(crate) fn status(&mut self, now: DroneTime, flags: Flags) {
+        let aligned = flags.contains(Flags::ESTIMATOR_ATTITUDE | Flags::ESTIMATOR_POS_HORIZ_ABS);
         self.status = Some((now, aligned));
         self.was_aligned |= aligned;
     }
@@ -92,14 +92,17 @@ mod tests {
         // Before the alignment PX4 reports tilt, height and constant position.
         h.status(
             at(1.0),
-            estimator::ATTITUDE | estimator::POSITION_VERT_ABS | estimator::CONSTANT_POSITION,
+            Flags::ESTIMATOR_ATTITUDE | Flags::ESTIMATOR_POS_VERT_ABS | Flags::ESTIMATOR_CONST_POS_MODE,
         );
         (0..2000).for_each(|k| h.watch(&state(1.0 + 0.01 * f64::from(k), 0.3)));
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
-        h.status(at(21.0), estimator::ATTITUDE | estimator::POSITION_HORIZ_ABS);
+        h.status(
+            at(21.0),
+            Flags::ESTIMATOR_ATTITUDE | Flags::ESTIMATOR_POS_HORIZ_ABS,
+        );
         assert!(h.was_aligned() && h.is_aligned(at(21.0)));
         // When alignment is lost a flight continues, but no landing begins.
-        h.status(at(30.0), estimator::ATTITUDE);
+        h.status(at(30.0), Flags::ESTIMATOR_ATTITUDE);
         assert!(h.was_aligned() && !h.is_aligned(at(30.1)));
     }
 

@@ -1,11 +1,14 @@
 //! Inbound messages: heartbeats, clocks, samples and answers.
 
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::fields;
+use alight_shared::mavlink::{self, EKF_STATUS_REPORT, Message as _, MessageData as _, dialect as m};
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 use alight_shared::time::Span;
 
 use super::message::{
-    self, Address, CommandResult, DistanceReport, Heartbeat, MavlinkFrame, MavlinkMessage, command, severity,
+    self, Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkFrame, MavlinkMessage,
+    ParameterValue, command_ack, result_name, severity, text, wide,
 };
 use super::modes::Firmware;
 use super::orders::named;
@@ -13,17 +16,21 @@ use super::peer::MavlinkPeer;
 use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
 
+/// Factor of `SCALED_IMU`, m/s² per mG.
+const MILLI_G: f64 = 9.806_65e-3;
 /// Silence after which an autopilot counts as gone and another one is accepted, s.
 const OTHER_AFTER_S: f64 = 10.0;
 
 impl AutopilotLink {
     /// Processes a frame. Returns whether it reported the autopilot's mode.
     pub(super) fn receive(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
-        if let MavlinkMessage::Heartbeat(heartbeat) = &frame.message {
-            return self.on_heartbeat(now, frame.from, heartbeat);
-        }
-        if self.asked_by_station(now, frame, out) {
-            return false;
+        if let MavlinkMessage::Common(message) = &frame.message {
+            if let M::HEARTBEAT(heartbeat) = message {
+                return self.on_heartbeat(now, frame.from, heartbeat);
+            }
+            if self.asked_by_station(now, frame.from, message, out) {
+                return false;
+            }
         }
         if let MavlinkMessage::RelativePlace(report) = &frame.message {
             let latency = Span::from_secs(self.config.receiver_latency_s);
@@ -42,123 +49,12 @@ impl AutopilotLink {
         let Some(peer) = self.peer.as_mut().filter(|p| p.address == frame.from) else {
             return false;
         };
-        let c = &self.config;
         match &frame.message {
-            MavlinkMessage::Heartbeat(_) => {}
-            MavlinkMessage::Timesync {
-                remote_ns: 0,
-                local_ns,
-            } => out.messages.push(MavlinkMessage::Timesync {
-                remote_ns: now.nanos(),
-                local_ns: *local_ns,
-            }),
-            MavlinkMessage::Timesync { remote_ns, local_ns } => {
-                let limit_s = c.timesync_limit_s;
-                if self.clock.on_answer(now, *local_ns, *remote_ns, limit_s) {
-                    self.estimate.forget();
-                    peer.parameters.read_again();
-                }
-            }
-            MavlinkMessage::Odometry(o) => {
-                peer.streams.received(message::id::ODOMETRY);
-                if let Some(at) = self.clock.local_time(now, micros(o.time_us)) {
-                    let state = self.estimate.assembler.odometry(at, o, c);
-                    self.on_odometry(now, state, out);
-                }
-            }
-            MavlinkMessage::LocalPosition(p) => {
-                peer.streams.received(message::id::LOCAL_POSITION_NED);
-                if let Some(at) = self.clock.local_time(now, millis(p.time_ms)) {
-                    let state = self.estimate.assembler.position(at, p.position, p.velocity, c);
-                    self.on_odometry(now, state, out);
-                }
-            }
-            MavlinkMessage::Attitude(a) => {
-                peer.streams.received(message::id::ATTITUDE_QUATERNION);
-                if let Some(at) = self.clock.local_time(now, millis(a.time_ms)) {
-                    self.estimate.assembler.attitude(at, a.attitude, a.rates);
-                }
-            }
-            MavlinkMessage::Imu(i) => {
-                peer.streams.received(match peer.firmware {
-                    Firmware::Px4 => message::id::HIGHRES_IMU,
-                    Firmware::ArduCopter => message::id::SCALED_IMU,
-                });
-                if let Some(at) = self.clock.local_time(now, micros(i.time_us)) {
-                    self.estimate.assembler.imu(at, i.accelerometer);
-                }
-            }
-            MavlinkMessage::Distance(d) => {
-                peer.streams.received(message::id::DISTANCE_SENSOR);
-                self.on_distance(now, d, out);
-            }
-            MavlinkMessage::Mode { custom_mode } => {
-                peer.streams.received(message::id::CURRENT_MODE);
-                peer.on_mode(*custom_mode);
-                return true;
-            }
-            MavlinkMessage::Landed { state } => {
-                peer.streams.received(message::id::EXTENDED_SYS_STATE);
-                peer.on_landed(now, *state);
-            }
-            MavlinkMessage::Battery {
-                number,
-                remaining,
-                voltage_v,
-                current_a,
-            } => {
-                peer.streams.received(message::id::BATTERY_STATUS);
-                peer.battery(now, *number, [*remaining, *voltage_v, *current_a]);
-            }
-            MavlinkMessage::Outputs { port, pulses_us } => {
-                peer.streams.received(message::id::SERVO_OUTPUT_RAW);
-                peer.rotors.outputs(now, peer.armed, *port, pulses_us);
-            }
-            MavlinkMessage::AttitudeTargetThrust { thrust } => {
-                peer.streams.received(message::id::ATTITUDE_TARGET);
-                let attitude = self.estimate.state.map(|s| s.attitude);
-                peer.thrust(now, *thrust / attitude.map_or(1.0, |a| peer.tilt_compensation(a)));
-            }
-            MavlinkMessage::Parameter { name, value, .. } => peer.parameters.received(name, *value),
-            MavlinkMessage::Origin(origin) => {
-                if self.estimate.origin.on_report(origin) {
-                    self.estimate.restart();
-                }
-            }
-            MavlinkMessage::Home(home) => {
-                peer.home = Some(*home).filter(Datum::is_on_earth);
-            }
-            MavlinkMessage::GnssHeights { sea_m, ellipsoid_m } => {
-                self.estimate.origin.on_heights(*sea_m, *ellipsoid_m);
-            }
-            MavlinkMessage::CommandAck { command, result, to } => {
-                if self.is_addressed(*to) {
-                    self.on_answer(now, *command, *result, out);
-                }
-            }
-            MavlinkMessage::SystemStatus { present, healthy } => {
-                peer.streams.received(message::id::SYS_STATUS);
-                self.operators.switch.on_status(now, *present, *healthy);
-            }
-            MavlinkMessage::EstimatorStatus { flags } => {
-                peer.streams.received(message::id::ESTIMATOR_STATUS);
-                self.estimate.heading.status(now, *flags);
-            }
+            MavlinkMessage::Common(message) => return self.on_message(now, message, out),
             MavlinkMessage::EkfStatus { flags } => {
-                peer.streams.received(message::id::EKF_STATUS_REPORT);
-                self.estimate.heading.status(now, *flags);
-            }
-            MavlinkMessage::MissionCurrent { total, state } => {
-                self.own_mission.monitor.current(peer.firmware, *total, *state);
-            }
-            MavlinkMessage::MissionItemReached { item } => self.own_mission.monitor.reached(*item),
-            MavlinkMessage::RemoteControl(channels) => {
-                peer.streams.received(message::id::RC_CHANNELS);
-                if let Some(kind) = self.operators.switch.on_channels(now, c.rc_switch, channels) {
-                    let header = self.headers.next(Output::Command, now);
-                    self.operators.switch.give(header, kind);
-                    self.on_order(now, kind, "the remote control", out);
-                }
+                peer.streams.received(EKF_STATUS_REPORT);
+                let flags = m::EstimatorStatusFlags::from_bits_retain(*flags);
+                self.estimate.heading.status(now, flags);
             }
             MavlinkMessage::Text { severity: of, text } => {
                 if *of <= severity::WARNING {
@@ -166,39 +62,139 @@ impl AutopilotLink {
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
             }
-            // Addressed to other systems.
-            MavlinkMessage::ParameterList { .. }
-            | MavlinkMessage::ParameterRequest { .. }
-            | MavlinkMessage::ParameterSet { .. }
-            | MavlinkMessage::Command(_)
-            | MavlinkMessage::CommandInt { .. }
-            | MavlinkMessage::GlobalPosition(_)
-            | MavlinkMessage::FollowTarget(_)
-            | MavlinkMessage::Ais(_)
+            // Of other systems.
+            MavlinkMessage::Ais(_)
             | MavlinkMessage::RelativePlace(_)
-            | MavlinkMessage::Rtcm { .. }
             | MavlinkMessage::Position(_)
             | MavlinkMessage::AttitudeThrust(_)
-            | MavlinkMessage::LandingTarget(_)
             | MavlinkMessage::TargetRelative(_)
             | MavlinkMessage::TargetAbsolute(_)
-            | MavlinkMessage::Deck { .. }
-            | MavlinkMessage::RemoteControlOverride { .. }
-            | MavlinkMessage::NamedValue { .. }
             | MavlinkMessage::HilSensor(_)
-            | MavlinkMessage::HilGps(_)
-            | MavlinkMessage::HilActuators { .. } => {}
+            | MavlinkMessage::HilGps(_) => {}
         }
         false
     }
 
-    fn on_distance(&mut self, now: DroneTime, d: &DistanceReport, out: &mut AutopilotOut) {
-        if !(d.range_m > 0.0) {
+    /// Processes a message of the autopilot. Returns whether it reported the autopilot's mode.
+    fn on_message(&mut self, now: DroneTime, message: &M, out: &mut AutopilotOut) -> bool {
+        let Some(peer) = &mut self.peer else {
+            return false;
+        };
+        let c = &self.config;
+        peer.streams.received(match (message, peer.firmware) {
+            // Either inertial message counts for the requested one.
+            (M::HIGHRES_IMU(_) | M::SCALED_IMU(_), Firmware::Px4) => m::HIGHRES_IMU_DATA::ID,
+            (M::HIGHRES_IMU(_) | M::SCALED_IMU(_), Firmware::ArduCopter) => m::SCALED_IMU_DATA::ID,
+            _ => message.message_id(),
+        });
+        match message {
+            M::TIMESYNC(d) if d.tc1 == 0 => out.send(M::TIMESYNC(m::TIMESYNC_DATA {
+                tc1: now.nanos(),
+                ts1: d.ts1,
+                ..m::TIMESYNC_DATA::DEFAULT
+            })),
+            M::TIMESYNC(d) => {
+                let restarted = self.clock.on_answer(now, d.ts1, d.tc1, c.timesync_limit_s);
+                if restarted {
+                    self.estimate.forget();
+                    peer.parameters.read_again();
+                }
+            }
+            M::ODOMETRY(d) => {
+                if let Some(at) = self.clock.local_time(now, micros(d.time_usec)) {
+                    let state = self.estimate.assembler.odometry(at, d, c);
+                    self.on_odometry(now, state, out);
+                }
+            }
+            M::DISTANCE_SENSOR(d) => self.on_distance(now, d, out),
+            M::LOCAL_POSITION_NED(d) => {
+                if let Some(at) = self.clock.local_time(now, millis(d.time_boot_ms)) {
+                    let (position, velocity) = (wide(fields!(d, x y z)), wide(fields!(d, vx vy vz)));
+                    let state = self.estimate.assembler.position(at, position, velocity, c);
+                    self.on_odometry(now, state, out);
+                }
+            }
+            M::ATTITUDE_QUATERNION(d) => {
+                if let Some(at) = self.clock.local_time(now, millis(d.time_boot_ms)) {
+                    let rates = wide(fields!(d, rollspeed pitchspeed yawspeed));
+                    let attitude = wide(fields!(d, q1 q2 q3 q4));
+                    self.estimate.assembler.attitude(at, attitude, rates);
+                }
+            }
+            M::HIGHRES_IMU(d) => self.on_imu(now, micros(d.time_usec), wide(fields!(d, xacc yacc zacc))),
+            M::SCALED_IMU(d) => {
+                let force = fields!(d, xacc yacc zacc).map(|a| f64::from(a) * MILLI_G);
+                self.on_imu(now, millis(d.time_boot_ms), force);
+            }
+            M::CURRENT_MODE(d) => {
+                peer.on_mode(d.custom_mode);
+                return true;
+            }
+            M::EXTENDED_SYS_STATE(d) => peer.on_landed(now, d.landed_state),
+            M::BATTERY_STATUS(d) => peer.battery(now, d),
+            M::SERVO_OUTPUT_RAW(d) => peer.rotors.outputs(now, peer.armed, d),
+            M::ATTITUDE_TARGET(d) => {
+                let attitude = self.estimate.state.map(|s| s.attitude);
+                let compensation = attitude.map_or(1.0, |a| peer.tilt_compensation(a));
+                peer.thrust(now, f64::from(d.thrust) / compensation);
+            }
+            M::PARAM_VALUE(d) => {
+                let value = ParameterValue::read(d.param_value, d.param_type);
+                peer.parameters.received(&text(&d.param_id), value);
+            }
+            M::GPS_GLOBAL_ORIGIN(d) => {
+                let origin = mavlink::place(d.latitude, d.longitude, d.altitude);
+                if self.estimate.origin.on_report(&origin) {
+                    self.estimate.restart();
+                }
+            }
+            M::HOME_POSITION(d) => {
+                let home = mavlink::place(d.latitude, d.longitude, d.altitude);
+                peer.home = Some(home).filter(Datum::is_on_earth);
+            }
+            M::GPS_RAW_INT(d) => {
+                let metres = |mm: i32| f64::from(mm) * 1e-3;
+                self.estimate
+                    .origin
+                    .on_heights(metres(d.alt), metres(d.alt_ellipsoid));
+            }
+            M::COMMAND_ACK(d) => self.on_answer(now, d, out),
+            M::SYS_STATUS(d) => {
+                let (present, healthy) = (
+                    d.onboard_control_sensors_present,
+                    d.onboard_control_sensors_health,
+                );
+                self.operators.switch.on_status(now, present, healthy);
+            }
+            M::ESTIMATOR_STATUS(d) => self.estimate.heading.status(now, d.flags),
+            M::MISSION_CURRENT(d) => self.own_mission.monitor.current(peer.firmware, d),
+            M::MISSION_ITEM_REACHED(d) => self.own_mission.monitor.reached(d.seq),
+            M::RC_CHANNELS(d) => {
+                if let Some(kind) = self.operators.switch.on_channels(now, c.rc_switch, d) {
+                    let header = self.headers.next(Output::Command, now);
+                    self.operators.switch.give(header, kind);
+                    self.on_order(now, kind, "the remote control", out);
+                }
+            }
+            _ => {}
+        }
+        false
+    }
+
+    /// Processes a specific force, m/s².
+    fn on_imu(&mut self, now: DroneTime, time_ns: i64, force: [f64; 3]) {
+        if let Some(at) = self.clock.local_time(now, time_ns) {
+            self.estimate.assembler.imu(at, force);
+        }
+    }
+
+    fn on_distance(&mut self, now: DroneTime, d: &m::DISTANCE_SENSOR_DATA, out: &mut AutopilotOut) {
+        if drone_state::is_invalid(d) {
             let rejected = &mut self.estimate.assembler.rejected;
             *rejected = rejected.saturating_add(1);
             return;
         }
-        let at = self.clock.local_time(now, millis(d.time_ms));
+        let at = self.clock.local_time(now, millis(d.time_boot_ms));
         let sample = at.and_then(|at| drone_state::range(at, d, &self.config));
         let newer = sample.and_then(|s| self.estimate.range.take(s, &mut self.headers));
         out.ranges.extend(newer);
@@ -210,34 +206,43 @@ impl AutopilotLink {
         let is = |stated: u8, own: u8| stated == 0 || stated == own;
         is(to.system, own.system) && is(to.component, own.component)
     }
-    fn on_answer(&mut self, now: DroneTime, command: u16, result: CommandResult, out: &mut AutopilotOut) {
+    fn on_answer(&mut self, now: DroneTime, d: &m::COMMAND_ACK_DATA, out: &mut AutopilotOut) {
+        let (command, result) = (d.command, d.result);
+        if !self.is_addressed(Address::new(d.target_system, d.target_component)) {
+            return;
+        }
         let Some(peer) = &mut self.peer else { return };
         let (departure, d) = (&mut self.commands.departure, &self.disarm);
-        if command == command::ARM_DISARM && result == CommandResult::Accepted {
+        if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM && result == MavResult::MAV_RESULT_ACCEPTED {
             departure.accepted(now);
         }
-        if command == command::MESSAGE_INTERVAL {
+        if command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             peer.streams.answered(now, result);
-        } else if command == command::ARM_DISARM
-            && result == CommandResult::Accepted
+        } else if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+            && result == MavResult::MAV_RESULT_ACCEPTED
             && departure.disarms() + d.touchdown.sent() + d.alone.sent() + d.own_landing.sent() > 0
         {
             // PX4's next heartbeat may be a second away.
             peer.armed = false;
         } else if matches!(
             command,
-            command::ARM_DISARM | command::SET_MODE | command::MISSION_START
-        ) && !matches!(result, CommandResult::Accepted | CommandResult::InProgress)
-        {
-            if command == command::ARM_DISARM
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+                | MavCmd::MAV_CMD_DO_SET_MODE
+                | MavCmd::MAV_CMD_MISSION_START
+        ) && !matches!(
+            result,
+            MavResult::MAV_RESULT_ACCEPTED | MavResult::MAV_RESULT_IN_PROGRESS
+        ) {
+            if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
                 && let Some(why) = departure.denied(now, result)
             {
                 let text = format!("{} {why}", peer.firmware.name());
                 out.alarm(severity::WARNING, text);
                 return;
             }
+            let result = result_name(result);
             out.texts
-                .push(format!("the autopilot denied command {command}: {result:?}"));
+                .push(format!("the autopilot denied {command:?}: {result}"));
         }
     }
 
@@ -249,61 +254,62 @@ impl AutopilotLink {
         out.alarm(severity, format!("{place} commands {order}"));
     }
 
-    /// Answers a ground station's request; returns false for other frames.
-    fn asked_by_station(&mut self, now: DroneTime, frame: &MavlinkFrame, out: &mut AutopilotOut) -> bool {
+    /// Answers a ground station's request; returns false for other messages.
+    fn asked_by_station(
+        &mut self,
+        now: DroneTime,
+        from: Address,
+        message: &M,
+        out: &mut AutopilotOut,
+    ) -> bool {
         let own = self.address();
-        if let MavlinkMessage::Command(c) = &frame.message
-            && c.to == own
-        {
-            let [height, ahead, right, minutes, ..] = c.parameters;
-            let asked = StationCommand {
-                number: c.command,
-                first: [height, ahead, right, minutes],
-                repetition: Repetition::counted(c.confirmation),
-            };
-            self.on_command(now, frame.from, &asked, out);
-            return true;
+        match message {
+            M::COMMAND_LONG(d) => {
+                let command = CommandLong::from(d);
+                let [height, ahead, right, minutes, ..] = command.parameters;
+                let asked = StationCommand {
+                    number: command.command,
+                    first: [height, ahead, right, minutes],
+                    repetition: Repetition::counted(command.confirmation),
+                };
+                if command.to != own {
+                    return false;
+                }
+                self.on_command(now, from, &asked, out);
+            }
+            M::COMMAND_INT(d) if Address::new(d.target_system, d.target_component) == own => {
+                let asked = StationCommand {
+                    number: d.command,
+                    first: wide(fields!(d, param1 param2 param3 param4)),
+                    repetition: Repetition::Perhaps,
+                };
+                self.on_command(now, from, &asked, out);
+            }
+            // A ground station requests the parameters of all components at once.
+            M::PARAM_REQUEST_LIST(d)
+                if d.target_system == own.system
+                    && [own.component, message::ALL_COMPONENTS].contains(&d.target_component) =>
+            {
+                self.list_parameters(out);
+                return d.target_component == own.component;
+            }
+            M::PARAM_REQUEST_READ(d) if Address::new(d.target_system, d.target_component) == own => {
+                // -1: by name.
+                let index = u16::try_from(d.param_index).ok();
+                self.read_parameter(&text(&d.param_id), index, out);
+            }
+            M::PARAM_SET(d) if Address::new(d.target_system, d.target_component) == own => {
+                let value = ParameterValue::read(d.param_value, d.param_type);
+                self.set_parameter(now, from, &text(&d.param_id), value, out);
+            }
+            _ => return false,
         }
-        if let MavlinkMessage::CommandInt { to, command, first } = &frame.message
-            && *to == own
-        {
-            let asked = StationCommand {
-                number: *command,
-                first: *first,
-                repetition: Repetition::Perhaps,
-            };
-            self.on_command(now, frame.from, &asked, out);
-            return true;
-        }
-        // A ground station requests the parameters of all components at once.
-        if let MavlinkMessage::ParameterList { to } = &frame.message
-            && (*to == own || *to == Address::new(own.system, message::ALL_COMPONENTS))
-        {
-            self.list_parameters(out);
-            return *to == own;
-        }
-        if let MavlinkMessage::ParameterRequest { to, name, index } = &frame.message
-            && *to == own
-        {
-            self.read_parameter(name, *index, out);
-            return true;
-        }
-        if let MavlinkMessage::ParameterSet { to, name, value } = &frame.message
-            && *to == own
-        {
-            self.set_parameter(now, frame.from, name, *value, out);
-            return true;
-        }
-        false
+        true
     }
 
     fn on_command(&mut self, now: DroneTime, from: Address, asked: &StationCommand, out: &mut AutopilotOut) {
         let command = asked.number;
-        let answer = |result| MavlinkMessage::CommandAck {
-            command,
-            result,
-            to: from,
-        };
+        let answer = |result| command_ack(command, result, from);
         let admits = [self.operators.switch.bars(), self.config.takes_orders()];
         match self.operators.station.received(now, from, asked, admits) {
             CommandOutcome::Answered(result) => out.messages.push(answer(result)),
@@ -316,7 +322,7 @@ impl AutopilotLink {
                 let header = self.headers.next(Output::Command, now);
                 let replaced = self.operators.station.give((command, kind), from, header);
                 out.messages.extend(replaced.iter().flat_map(Answer::messages));
-                out.messages.push(answer(CommandResult::InProgress));
+                out.messages.push(answer(MavResult::MAV_RESULT_IN_PROGRESS));
                 self.on_order(now, kind, &format!("ground station {}", from.system), out);
             }
         }
@@ -335,8 +341,8 @@ impl AutopilotLink {
         (recent && system != own).then_some(system)
     }
 
-    fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &Heartbeat) -> bool {
-        let Some(firmware) = Firmware::of(h.autopilot, h.vehicle).filter(|_| self.accepts(from)) else {
+    fn on_heartbeat(&mut self, now: DroneTime, from: Address, h: &m::HEARTBEAT_DATA) -> bool {
+        let Some(firmware) = Firmware::of(h.autopilot, h.mavtype).filter(|_| self.accepts(from)) else {
             return false;
         };
         match &mut self.peer {
@@ -356,7 +362,7 @@ impl AutopilotLink {
             }
         }
         if let Some(p) = &mut self.peer {
-            p.streams.received(message::id::HEARTBEAT);
+            p.streams.received(m::HEARTBEAT_DATA::ID);
             p.heartbeat(now, h.base_mode, h.custom_mode);
         }
         true

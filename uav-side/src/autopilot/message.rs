@@ -1,17 +1,29 @@
-//! MAVLink messages that Alight uses, in SI units, radians and plain enums.
-//!
-//! The state machine in this folder uses only these types. Bytes and the MAVLink crate are hidden in
-//! [`super::wire`], so a new release or dialect changes one file, and tests simulate an autopilot without
-//! bytes. Numbers are those of MAVLink's `common` dialect.
+//! Messages of the link: those of MAVLink's `common` dialect as they are, and typed ones where units, optional values
+//! or other dialects need them. [`super::wire`] encodes and decodes them; tests simulate an autopilot without bytes.
 
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::dialect::{self as m, MavParamType};
+pub use alight_shared::mavlink::dialect::{
+    MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavType,
+};
+use alight_shared::mavlink::fields;
+use alight_shared::mavlink::{self, CharArray};
 use serde::{Deserialize, Serialize};
 
-mod numbers;
-
-use super::place_report::{AisReport, PlaceReport};
+use super::place_report::AisReport;
 use super::receiver::RelativeReport;
-pub use numbers::{command, estimator, id, severity};
+
+/// Severity of a text.
+pub mod severity {
+    use alight_shared::mavlink::dialect::MavSeverity;
+
+    /// Immediate action is required.
+    pub const CRITICAL: u8 = MavSeverity::MAV_SEVERITY_CRITICAL as u8;
+    pub const WARNING: u8 = MavSeverity::MAV_SEVERITY_WARNING as u8;
+    /// Unusual event that is not an error.
+    pub const NOTICE: u8 = MavSeverity::MAV_SEVERITY_NOTICE as u8;
+    pub const INFO: u8 = MavSeverity::MAV_SEVERITY_INFO as u8;
+}
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Address {
@@ -25,64 +37,24 @@ impl Address {
     }
 }
 
-/// `MAV_COMP_ID_AUTOPILOT1`.
-pub const AUTOPILOT_COMPONENT: u8 = 1;
-/// `MAV_COMP_ID_ONBOARD_COMPUTER`.
-pub const COMPANION_COMPONENT: u8 = 191;
-/// `MAV_COMP_ID_ALL`.
-pub const ALL_COMPONENTS: u8 = 0;
-/// `MAV_TYPE_ONBOARD_CONTROLLER`.
-pub const COMPANION_TYPE: u8 = 18;
-/// `MAV_AUTOPILOT_INVALID`: not an autopilot.
-pub const NO_AUTOPILOT: u8 = 8;
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
-pub const ARDUPILOT: u8 = 3;
-/// `MAV_AUTOPILOT_PX4`.
-pub const PX4: u8 = 12;
+pub const AUTOPILOT_COMPONENT: u8 = m::MavComponent::MAV_COMP_ID_AUTOPILOT1 as u8;
+pub const COMPANION_COMPONENT: u8 = m::MavComponent::MAV_COMP_ID_ONBOARD_COMPUTER as u8;
+pub const ALL_COMPONENTS: u8 = m::MavComponent::MAV_COMP_ID_ALL as u8;
+/// Second parameter of `MAV_CMD_COMPONENT_ARM_DISARM`: disarm even in the air.
+pub const FORCE: f64 = 21196.0;
 
-/// Number of outputs that Alight reads, enough for an octorotor.
-pub const OUTPUTS: usize = 8;
-
-/// `MAV_SYS_STATUS_SENSOR_RC_RECEIVER`.
-pub const RC_RECEIVER: u32 = 1 << 16;
-
-/// `MAV_MODE_FLAG_CUSTOM_MODE_ENABLED`.
-pub const CUSTOM_MODE: u8 = 1;
-/// `MAV_MODE_FLAG_SAFETY_ARMED`.
-pub const ARMED: u8 = 128;
-
-/// Result of a command (`MAV_RESULT`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum CommandResult {
-    Accepted,
-    /// A retry may succeed.
-    TemporarilyRejected,
-    /// A retry in the same state fails again.
-    Denied,
-    Unsupported,
-    Failed,
-    InProgress,
-    Other,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum VelocityFrame {
-    Ned,
-    /// Body frame: forward, right, down.
-    Body,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// `COMMAND_LONG`.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CommandLong {
     pub to: Address,
-    pub command: u16,
+    pub command: MavCmd,
     pub confirmation: u8,
     pub parameters: [f64; 7],
 }
 
 impl CommandLong {
     /// Command with these first parameters; the others are zero.
-    pub fn new<const N: usize>(to: Address, command: u16, first: [f64; N]) -> CommandLong {
+    pub fn new<const N: usize>(to: Address, command: MavCmd, first: [f64; N]) -> CommandLong {
         let mut parameters = [0.0; 7];
         parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
         CommandLong {
@@ -96,12 +68,88 @@ impl CommandLong {
     pub(crate) fn disarm(to: Address, sent: u32) -> CommandLong {
         CommandLong {
             confirmation: u8::try_from(sent.saturating_sub(1)).unwrap_or(u8::MAX),
-            ..CommandLong::new(to, command::ARM_DISARM, [0.0, command::FORCE])
+            ..CommandLong::new(to, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [0.0, FORCE])
         }
     }
     pub fn mode(to: Address, [main, sub]: [f64; 2]) -> CommandLong {
-        CommandLong::new(to, command::SET_MODE, [f64::from(CUSTOM_MODE), main, sub])
+        let custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();
+        CommandLong::new(to, MavCmd::MAV_CMD_DO_SET_MODE, [f64::from(custom), main, sub])
     }
+    /// Command that requests message `id`.
+    pub fn request(to: Address, id: u32) -> CommandLong {
+        CommandLong::new(to, MavCmd::MAV_CMD_REQUEST_MESSAGE, [f64::from(id)])
+    }
+}
+
+impl From<CommandLong> for MavlinkMessage {
+    fn from(c: CommandLong) -> MavlinkMessage {
+        let [param1, param2, param3, param4, param5, param6, param7] = narrow(c.parameters);
+        let message = MavMessage::COMMAND_LONG(m::COMMAND_LONG_DATA {
+            target_system: c.to.system,
+            target_component: c.to.component,
+            command: c.command,
+            confirmation: c.confirmation,
+            param1,
+            param2,
+            param3,
+            param4,
+            param5,
+            param6,
+            param7,
+        });
+        message.into()
+    }
+}
+
+impl From<&m::COMMAND_LONG_DATA> for CommandLong {
+    fn from(d: &m::COMMAND_LONG_DATA) -> CommandLong {
+        let parameters = fields!(d, param1 param2 param3 param4 param5 param6 param7);
+        CommandLong {
+            to: Address::new(d.target_system, d.target_component),
+            command: d.command,
+            confirmation: d.confirmation,
+            parameters: wide(parameters),
+        }
+    }
+}
+
+/// Result without its prefix.
+pub(crate) fn result_name(result: MavResult) -> String {
+    format!("{result:?}").replace("MAV_RESULT_", "")
+}
+
+/// Answer to a command of `to`.
+pub fn command_ack(command: MavCmd, result: MavResult, to: Address) -> MavlinkMessage {
+    let message = MavMessage::COMMAND_ACK(m::COMMAND_ACK_DATA {
+        command,
+        result,
+        // Percent; 255: unknown.
+        progress: match result {
+            MavResult::MAV_RESULT_IN_PROGRESS => u8::MAX,
+            _ => 0,
+        },
+        target_system: to.system,
+        target_component: to.component,
+        ..m::COMMAND_ACK_DATA::DEFAULT
+    });
+    message.into()
+}
+
+pub fn heartbeat(
+    autopilot: MavAutopilot,
+    mavtype: MavType,
+    base_mode: MavModeFlag,
+    custom_mode: u32,
+) -> MavlinkMessage {
+    let message = MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+        autopilot,
+        mavtype,
+        base_mode,
+        custom_mode,
+        system_status: m::MavState::MAV_STATE_ACTIVE,
+        mavlink_version: 3,
+    });
+    message.into()
 }
 
 /// Set-point whose position, velocity, acceleration, yaw and yaw rate are all used.
@@ -131,71 +179,8 @@ pub struct AttitudeThrustTarget {
     pub thrust: f64,
 }
 
-/// Pose and velocity of the vehicle with their covariance (`ODOMETRY`).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct OdometryReport {
-    /// Autopilot's time, us.
-    pub time_us: u64,
-    /// NED, m.
-    pub position: [f64; 3],
-    /// NED from body (w, x, y, z).
-    pub attitude: [f64; 4],
-    /// m/s.
-    pub velocity: [f64; 3],
-    pub frame: VelocityFrame,
-    /// Body, rad/s.
-    pub rates: [f64; 3],
-    /// Variances of position (m²), attitude (rad²) and velocity (m²/s²); None if not reported.
-    pub variances: Option<[[f64; 3]; 3]>,
-    pub resets: u8,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Heartbeat {
-    /// `MAV_AUTOPILOT`.
-    pub autopilot: u8,
-    /// `MAV_TYPE`.
-    pub vehicle: u8,
-    /// `MAV_MODE_FLAG` bits.
-    pub base_mode: u8,
-    pub custom_mode: u32,
-}
-
-/// `LOCAL_POSITION_NED`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct PositionReport {
-    /// Autopilot's time, ms.
-    pub time_ms: u32,
-    /// NED, m.
-    pub position: [f64; 3],
-    /// NED, m/s.
-    pub velocity: [f64; 3],
-}
-
-/// `ATTITUDE_QUATERNION`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AttitudeReport {
-    /// Autopilot's time, ms.
-    pub time_ms: u32,
-    /// NED from body (w, x, y, z).
-    pub attitude: [f64; 4],
-    /// Body, rad/s.
-    pub rates: [f64; 3],
-}
-
-/// `HIGHRES_IMU`, or `SCALED_IMU` in SI.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ImuReport {
-    /// Autopilot's time, us.
-    pub time_us: u64,
-    /// Specific force, body, m/s².
-    pub accelerometer: [f64; 3],
-    /// Body, rad/s.
-    pub gyro: [f64; 3],
-}
-
 /// Parameter value whose bit encoding depends on the firmware.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ParameterValue {
     /// Bits of the message's float.
     pub bits: u32,
@@ -203,64 +188,33 @@ pub struct ParameterValue {
     pub integer: bool,
 }
 
-/// `DISTANCE_SENSOR` that points downwards.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DistanceReport {
-    /// Autopilot's time, ms.
-    pub time_ms: u32,
-    /// m.
-    pub range_m: f64,
-    /// Minimum and maximum measurable distance, m.
-    pub limits_m: [f64; 2],
-    /// m²; None when unknown.
-    pub variance: Option<f64>,
-}
-
-/// Remote control channels as the autopilot's receiver reports them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct RcChannels {
-    pub count: u8,
-    /// Pulse of each channel, us; 65535: channel absent.
-    pub pulses_us: [u16; 18],
-}
-
-/// Frame of a landing target's position (`MAV_FRAME`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum TargetFrame {
-    /// `MAV_FRAME_LOCAL_NED`: the autopilot's NED, relative to its origin.
-    LocalNed,
-    /// `MAV_FRAME_BODY_FRD`: relative to the vehicle, along its body axes.
-    BodyFrd,
-    /// `MAV_FRAME_LOCAL_FRD`: relative to the vehicle, level, forward along its heading.
-    LocalFrd,
-}
-
-impl TargetFrame {
-    pub const ALL: [TargetFrame; 3] = [TargetFrame::LocalNed, TargetFrame::BodyFrd, TargetFrame::LocalFrd];
-    /// Number in `MAV_FRAME`.
-    pub const fn number(self) -> u8 {
-        match self {
-            TargetFrame::LocalNed => 1,
-            TargetFrame::BodyFrd => 12,
-            TargetFrame::LocalFrd => 20,
+impl ParameterValue {
+    pub fn read(value: f32, kind: MavParamType) -> ParameterValue {
+        use MavParamType::{MAV_PARAM_TYPE_REAL32, MAV_PARAM_TYPE_REAL64};
+        ParameterValue {
+            bits: value.to_bits(),
+            integer: !matches!(kind, MAV_PARAM_TYPE_REAL32 | MAV_PARAM_TYPE_REAL64),
+        }
+    }
+    pub fn kind(self) -> MavParamType {
+        if self.integer {
+            MavParamType::MAV_PARAM_TYPE_INT32
+        } else {
+            MavParamType::MAV_PARAM_TYPE_REAL32
         }
     }
 }
 
-/// `LANDING_TARGET` with a position (`position_valid` 1).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct LandingTarget {
-    /// Time, us: the companion's for PX4, which converts it; the autopilot's for ArduPilot.
-    pub time_us: u64,
-    pub frame: TargetFrame,
-    /// Centre of the deck, m.
-    pub position: [f64; 3],
-    /// Distance from the vehicle to the deck's centre, m; 0: not stated.
-    pub distance_m: f64,
-    /// Rotation from the deck to `frame` (w, x, y, z).
-    pub attitude: [f64; 4],
-    /// Size of the tag, m.
-    pub size_m: f64,
+/// `PARAM_VALUE` of parameter `param_index` among `param_count`, with a name of at most 16 characters.
+pub fn parameter(name: &str, value: ParameterValue, param_index: u16, param_count: u16) -> MavlinkMessage {
+    let message = MavMessage::PARAM_VALUE(m::PARAM_VALUE_DATA {
+        param_id: chars(name),
+        param_value: f32::from_bits(value.bits),
+        param_type: value.kind(),
+        param_index,
+        param_count,
+    });
+    message.into()
 }
 
 /// `TARGET_RELATIVE`: a target detected by the vehicle.
@@ -291,197 +245,56 @@ pub struct TargetAbsolute {
     pub velocity_sd: [f64; 3],
 }
 
+/// Message of the link.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum MavlinkMessage {
-    Heartbeat(Heartbeat),
-    /// Request (`remote_ns` zero) or answer of the clock synchronisation.
-    Timesync {
-        /// `tc1`: clock of the answering side, ns; 0 in a request.
-        remote_ns: i64,
-        /// `ts1`: clock of the requesting side, ns.
-        local_ns: i64,
-    },
-    Odometry(OdometryReport),
-    LocalPosition(PositionReport),
-    Attitude(AttitudeReport),
-    Imu(ImuReport),
-    Distance(DistanceReport),
-    /// `CURRENT_MODE`, sent when the mode changes.
-    Mode {
-        custom_mode: u32,
-    },
-    /// `EXTENDED_SYS_STATE`: `MAV_LANDED_STATE`.
-    Landed {
-        /// 1 on ground, 2 in air, 3 taking off, 4 landing.
-        state: u8,
-    },
-    /// `BATTERY_STATUS`.
-    Battery {
-        number: u8,
-        /// Remaining charge, 0 to 1; None if not reported.
-        remaining: Option<f64>,
-        /// V; None if not reported.
-        voltage_v: Option<f64>,
-        /// A; None if not reported.
-        current_a: Option<f64>,
-    },
-    /// `SERVO_OUTPUT_RAW`: signals at the autopilot's outputs.
-    Outputs {
-        port: u8,
-        /// Pulses, us, or the numbers of a digital protocol; 0: none.
-        pulses_us: [u16; OUTPUTS],
-    },
-    /// `ATTITUDE_TARGET`: current reference of the autopilot's attitude loop.
-    AttitudeTargetThrust {
-        /// Collective thrust, 0 to 1.
-        thrust: f64,
-    },
-    /// `PARAM_REQUEST_LIST`.
-    ParameterList {
-        to: Address,
-    },
-    /// `PARAM_REQUEST_READ`.
-    ParameterRequest {
-        to: Address,
-        /// At most 16 characters.
-        name: String,
-        /// Index that replaces the name in the request.
-        index: Option<u16>,
-    },
-    /// `PARAM_SET`.
-    ParameterSet {
-        to: Address,
-        /// At most 16 characters.
-        name: String,
-        value: ParameterValue,
-    },
-    /// `PARAM_VALUE`.
-    Parameter {
-        /// At most 16 characters.
-        name: String,
-        value: ParameterValue,
-        /// Index among the sender's parameters.
-        index: u16,
-        count: u16,
-    },
-    /// `GPS_GLOBAL_ORIGIN`: origin of the autopilot's NED, with height above mean sea level.
-    Origin(Datum),
-    /// `HOME_POSITION`: destination of return mode, with height above mean sea level.
-    Home(Datum),
-    /// `GPS_RAW_INT`: GNSS height above mean sea level and above the ellipsoid, m; the latter is 0 if
-    /// unknown.
-    GnssHeights {
-        /// `alt`.
-        sea_m: f64,
-        /// `alt_ellipsoid`.
-        ellipsoid_m: f64,
-    },
-    /// `GLOBAL_POSITION_INT`: position of a system.
-    GlobalPosition(PlaceReport),
-    /// `FOLLOW_TARGET`: position of a phone or ground station.
-    FollowTarget(PlaceReport),
-    /// `AIS_VESSEL` or an AIS receiver's sentence: position of a vessel.
+    /// Message of the `common` dialect that is used as it is.
+    Common(#[serde(with = "mavlink::recorded")] MavMessage),
+    /// Sentence of an AIS receiver; not a MAVLink message.
     Ais(AisReport),
     /// Report of the drone's own GNSS receiver; not a MAVLink message.
     RelativePlace(RelativeReport),
-    /// `GPS_RTCM_DATA`: RTCM frame, or fragment of one, for the autopilot's receiver.
-    Rtcm {
-        /// Bit 0: fragmented; bits 1 and 2: fragment number; bits 3 to 7: frame number.
-        flags: u8,
-        /// At most 180 bytes.
-        data: Vec<u8>,
-    },
-    Command(CommandLong),
-    CommandInt {
-        to: Address,
-        command: u16,
-        /// First four parameters of the command; Alight's orders use no geodetic position.
-        first: [f64; 4],
-    },
-    CommandAck {
-        command: u16,
-        result: CommandResult,
-        /// Sender of the acknowledged command; zeros if not stated.
-        to: Address,
-    },
     /// `SET_POSITION_TARGET_LOCAL_NED`.
     Position(PositionTarget),
     /// `SET_ATTITUDE_TARGET`.
     AttitudeThrust(AttitudeThrustTarget),
-    /// `LANDING_TARGET`: deck for the autopilot's own guidance.
-    LandingTarget(LandingTarget),
     /// `TARGET_RELATIVE`: deck for PX4's vision target estimator, as a detected marker.
     TargetRelative(TargetRelative),
     /// `TARGET_ABSOLUTE`: deck for PX4's vision target estimator, as a receiver on the target.
     TargetAbsolute(TargetAbsolute),
-    /// `DEBUG_FLOAT_ARRAY` named "deck". `ODOMETRY` is not used, because an autopilot would treat it as its
-    /// own pose.
-    Deck {
-        /// Autopilot's time, us.
-        time_us: u64,
-        /// Position (m), velocity (m/s) in NED, roll, pitch, yaw (rad), their rates (rad/s), and standard
-        /// deviation of the position (m).
-        values: [[f64; 3]; 5],
-    },
-    /// `SYS_STATUS`: sensors as bits of `MAV_SYS_STATUS_SENSOR`.
-    SystemStatus {
-        present: u32,
-        healthy: u32,
-    },
-    /// `ESTIMATOR_STATUS` of PX4, bits of [`estimator`].
-    EstimatorStatus {
-        flags: u16,
-    },
-    /// `EKF_STATUS_REPORT` of ArduPilot, with the same bits.
-    EkfStatus {
-        flags: u16,
-    },
-    /// `MISSION_CURRENT`: progress of the autopilot's own mission.
-    MissionCurrent {
-        /// Number of items; 0: not stated, 65535: no mission.
-        total: u16,
-        /// `MISSION_STATE`: 0 not stated, 2 not started, 3 active, 4 paused, 5 complete.
-        state: u8,
-    },
-    MissionItemReached {
-        item: u16,
-    },
-    /// `RC_CHANNELS`.
-    RemoteControl(RcChannels),
-    /// `RC_CHANNELS_OVERRIDE`: first eight channels, as set by a ground station.
-    RemoteControlOverride {
-        to: Address,
-        /// Pulse of each channel, us; 0: returned to the receiver, 65535: unchanged.
-        pulses_us: [u16; 8],
-    },
-    /// `NAMED_VALUE_FLOAT`.
-    NamedValue {
-        /// Autopilot's time, ms.
-        time_ms: u32,
-        /// At most 10 characters.
-        name: String,
-        value: f64,
-    },
-    /// `STATUSTEXT`.
+    /// `EKF_STATUS_REPORT` of ArduPilot, with the bits of `ESTIMATOR_STATUS_FLAGS`.
+    EkfStatus { flags: u16 },
+    /// One or several `STATUSTEXT`.
     Text {
         /// `MAV_SEVERITY`: 0 emergency to 7 debug.
         severity: u8,
-        /// At most 50 characters.
         text: String,
     },
     /// `HIL_SENSOR` of a simulator.
     HilSensor(HilSensor),
     /// `HIL_GPS` of a simulator.
     HilGps(HilGps),
-    /// `HIL_ACTUATOR_CONTROLS`: outputs of a firmware to its simulated motors.
-    HilActuators {
-        /// Firmware's time, us.
-        time_us: u64,
-        /// Outputs; 0 to 1 for motors.
-        controls: [f64; 16],
-        /// `MAV_MODE_FLAG` bits.
-        mode: u8,
-    },
+}
+
+impl From<MavMessage> for MavlinkMessage {
+    fn from(message: MavMessage) -> MavlinkMessage {
+        MavlinkMessage::Common(message)
+    }
+}
+
+pub fn wide<const N: usize>(v: [f32; N]) -> [f64; N] {
+    v.map(f64::from)
+}
+pub fn narrow<const N: usize>(v: [f64; N]) -> [f32; N] {
+    v.map(|x| x as f32)
+}
+pub fn text<const N: usize>(t: &CharArray<N>) -> String {
+    t.to_str().unwrap_or_default().to_owned()
+}
+pub fn chars<const N: usize>(t: &str) -> CharArray<N> {
+    let mut bytes = [0; N];
+    bytes.iter_mut().zip(t.bytes()).for_each(|(b, c)| *b = c);
+    CharArray::new(bytes)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -79,7 +79,10 @@ use disarm::ForcedDisarm;
 use drone_state::DroneEstimate;
 use ground_station::Operators;
 use inputs::LinkInputs;
-use message::{Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, MavlinkMessage, severity};
+use message::{
+    Address, MavAutopilot, MavMessage, MavModeFlag, MavType, MavlinkFrame, MavlinkMessage, heartbeat,
+    severity,
+};
 use modes::Firmware;
 use moving_base::{MovingBase, RtcmTarget};
 use outbound::{LinkCommands, SetPointStream};
@@ -307,18 +310,26 @@ impl AutopilotLink {
     /// Sends messages that are due under any authority: heartbeat, clock, streams, parameters.
     fn send_periodic(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         if self.timers.heartbeat.is_due_spaced(now, HEARTBEAT) {
-            out.messages.push(MavlinkMessage::Heartbeat(Heartbeat {
-                autopilot: message::NO_AUTOPILOT,
-                vehicle: message::COMPANION_TYPE,
-                base_mode: CUSTOM_MODE,
-                custom_mode: 0,
-            }));
+            out.send(heartbeat(
+                MavAutopilot::MAV_AUTOPILOT_INVALID,
+                MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+                MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+                0,
+            ));
         }
         let Some(peer) = &mut self.peer else { return };
-        out.messages.extend(self.clock.ask(now, self.config.timesync_hz));
-        out.messages.extend(peer.streams.ask(now, peer.address));
-        out.messages.extend(peer.parameters.ask(now, peer.address));
-        out.messages.extend(self.estimate.origin.ask(now, peer.address));
+        if let Some(request) = self.clock.ask(now, self.config.timesync_hz) {
+            out.send(MavMessage::TIMESYNC(request));
+        }
+        if let Some(request) = peer.streams.ask(now, peer.address) {
+            out.send(request);
+        }
+        if let Some(request) = peer.parameters.ask(now, peer.address) {
+            out.send(MavMessage::PARAM_REQUEST_READ(request));
+        }
+        for request in self.estimate.origin.ask(now, peer.address) {
+            out.send(request);
+        }
     }
 
     /// State for the other nodes; reports OFFBOARD only while this link may use it.

@@ -4,7 +4,7 @@ use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
 
 use super::config::Diversion;
-use super::message::{ARDUPILOT, PX4, ParameterValue};
+use super::message::{MavAutopilot, MavType, ParameterValue};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Firmware {
@@ -15,29 +15,35 @@ pub enum Firmware {
     ArduCopter,
 }
 
-/// `MAV_TYPE` of multirotors and helicopters: quadrotor, coaxial, helicopter, hexa-, octo-, tri-, dodeca- and
-/// decarotor. Boats and planes use other mode numbers.
-const COPTERS: [u8; 8] = [2, 3, 4, 13, 14, 15, 29, 35];
-
 impl Firmware {
     /// Firmware of a sender; None unless it is the autopilot of a multirotor or helicopter.
-    pub fn of(autopilot: u8, vehicle: u8) -> Option<Firmware> {
-        if !COPTERS.contains(&vehicle) {
+    pub fn of(autopilot: MavAutopilot, vehicle: MavType) -> Option<Firmware> {
+        // Boats and planes use other mode numbers.
+        let is_copter = matches!(
+            vehicle,
+            MavType::MAV_TYPE_QUADROTOR
+                | MavType::MAV_TYPE_COAXIAL
+                | MavType::MAV_TYPE_HELICOPTER
+                | MavType::MAV_TYPE_HEXAROTOR
+                | MavType::MAV_TYPE_OCTOROTOR
+                | MavType::MAV_TYPE_TRICOPTER
+                | MavType::MAV_TYPE_DODECAROTOR
+                | MavType::MAV_TYPE_DECAROTOR
+        );
+        if !is_copter {
             return None;
         }
-        Firmware::of_autopilot(autopilot)
+        Firmware::of_autopilot(autopilot as u8)
     }
-    pub(crate) const fn of_autopilot(number: u8) -> Option<Firmware> {
-        match number {
-            PX4 => Some(Firmware::Px4),
-            ARDUPILOT => Some(Firmware::ArduCopter),
-            _ => None,
-        }
+    pub(crate) fn of_autopilot(number: u8) -> Option<Firmware> {
+        [Firmware::Px4, Firmware::ArduCopter]
+            .into_iter()
+            .find(|f| f.autopilot() as u8 == number)
     }
-    pub(crate) const fn number(self) -> u8 {
+    pub const fn autopilot(self) -> MavAutopilot {
         match self {
-            Firmware::Px4 => PX4,
-            Firmware::ArduCopter => ARDUPILOT,
+            Firmware::Px4 => MavAutopilot::MAV_AUTOPILOT_PX4,
+            Firmware::ArduCopter => MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
         }
     }
     /// Earth radius with which the firmware converts latitude and longitude to NED, m.
@@ -141,11 +147,16 @@ mod tests {
 
     #[test]
     fn boat_with_the_same_firmware() {
-        assert_eq!(Firmware::of(ARDUPILOT, 2), Some(Firmware::ArduCopter));
-        assert_eq!(Firmware::of(PX4, 13), Some(Firmware::Px4));
-        // Surface boat, plane, ground station.
-        assert_eq!(Firmware::of(ARDUPILOT, 11), None);
-        assert_eq!(Firmware::of(PX4, 1), None);
-        assert_eq!(Firmware::of(8, 6), None);
+        use MavAutopilot::{MAV_AUTOPILOT_ARDUPILOTMEGA as ARDUPILOT, MAV_AUTOPILOT_PX4 as PX4};
+        let copter = Firmware::of(ARDUPILOT, MavType::MAV_TYPE_QUADROTOR);
+        assert_eq!(copter, Some(Firmware::ArduCopter));
+        assert_eq!(
+            Firmware::of(PX4, MavType::MAV_TYPE_HEXAROTOR),
+            Some(Firmware::Px4)
+        );
+        assert_eq!(Firmware::of(ARDUPILOT, MavType::MAV_TYPE_SURFACE_BOAT), None);
+        assert_eq!(Firmware::of(PX4, MavType::MAV_TYPE_FIXED_WING), None);
+        let station = Firmware::of(MavAutopilot::MAV_AUTOPILOT_INVALID, MavType::MAV_TYPE_GCS);
+        assert_eq!(station, None);
     }
 }

@@ -6,12 +6,13 @@
 //! Source: MAVLink's definition of `GPS_RTCM_DATA`.
 
 use alight_shared::estimation::{Rollover, SourceClock};
+use alight_shared::mavlink::dialect::{GPS_RTCM_DATA_DATA, MavMessage};
 use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrames};
 use alight_shared::rtcm;
 use alight_shared::time::{DroneClock, Span};
 use alight_shared::topics;
 
-use super::message::{MavlinkMessage, severity};
+use super::message::severity;
 use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
 use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
 
@@ -85,7 +86,9 @@ impl MovingBase {
                     return false;
                 };
                 self.sequence = self.sequence.wrapping_add(1);
-                out.messages.extend(parts);
+                parts
+                    .into_iter()
+                    .for_each(|part| out.send(MavMessage::GPS_RTCM_DATA(part)));
             }
             RtcmTarget::Nothing => return false,
         }
@@ -145,12 +148,21 @@ impl MovingBase {
 
 /// Fragments of a frame with this sequence number; None if the frame is too long. A receiver recognises the
 /// end of a frame by a fragment that is not full, or by the fourth fragment.
-fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<MavlinkMessage>> {
+fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<GPS_RTCM_DATA_DATA>> {
     const FRAGMENTED: u8 = 1;
     let sequence = (sequence & 31) << 3;
-    let message = |flags, part: &[u8]| MavlinkMessage::Rtcm {
-        flags,
-        data: part.to_vec(),
+    let message = |flags, part: &[u8]| {
+        let mut message = GPS_RTCM_DATA_DATA {
+            flags,
+            len: part.len() as u8,
+            ..GPS_RTCM_DATA_DATA::DEFAULT
+        };
+        message
+            .data
+            .iter_mut()
+            .zip(part)
+            .for_each(|(to, byte)| *to = *byte);
+        message
     };
     if frame.len() <= FRAGMENT_BYTES {
         return Some(vec![message(sequence, frame)]);

@@ -3,11 +3,12 @@
 use alight_shared::admission::Periodic;
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
 use super::DroneTime;
-use super::message::{Address, CommandLong, MavlinkMessage, command, id};
+use super::message::{Address, CommandLong};
 use super::modes::Firmware;
 
 /// Request period once the origin is known; a restarted estimator moves the origin.
@@ -31,16 +32,14 @@ pub(super) struct AutopilotOrigin {
 }
 
 impl AutopilotOrigin {
-    pub(super) fn ask(&mut self, now: DroneTime, to: Address) -> impl Iterator<Item = MavlinkMessage> {
+    pub(super) fn ask(&mut self, now: DroneTime, to: Address) -> impl Iterator<Item = CommandLong> {
         let period = if self.datum.is_some() { KNOWN } else { UNKNOWN };
         let due = self.timer.is_due_spaced(now, period);
-        let heights = (due && self.geoid_m.is_none()).then_some(id::GPS_RAW_INT);
+        let heights = (due && self.geoid_m.is_none()).then_some(m::GPS_RAW_INT_DATA::ID);
         // An autopilot sets home at arming or on command.
-        let home = (due && self.datum.is_some()).then_some(id::HOME_POSITION);
-        let all = (heights.into_iter().chain(home)).chain(due.then_some(id::GPS_GLOBAL_ORIGIN));
-        all.map(move |id| {
-            MavlinkMessage::Command(CommandLong::new(to, command::REQUEST_MESSAGE, [f64::from(id)]))
-        })
+        let home = (due && self.datum.is_some()).then_some(m::HOME_POSITION_DATA::ID);
+        let all = (heights.into_iter().chain(home)).chain(due.then_some(m::GPS_GLOBAL_ORIGIN_DATA::ID));
+        all.map(move |id| CommandLong::request(to, id))
     }
     /// Stores the difference between the receiver's two heights, once per flight so that the origin stays
     /// constant.

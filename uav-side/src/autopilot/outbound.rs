@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use super::config::{DisarmConfig, Diversion};
 use super::disarm::{self, ContactEvidence, DisarmDecision};
 use super::message::{
-    Address, AttitudeThrustTarget, CommandLong, MavlinkMessage, PositionTarget, command, severity,
+    Address, AttitudeThrustTarget, CommandLong, MavCmd, MavlinkMessage, PositionTarget, severity,
 };
 use super::modes::Firmware;
 use super::set_point_loss::SetPointLossMonitor;
@@ -478,7 +478,11 @@ impl AutopilotLink {
         {
             return;
         }
-        out.send(CommandLong::new(peer.address, command::ARM_DISARM, [1.0]));
+        out.send(CommandLong::new(
+            peer.address,
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            [1.0],
+        ));
         self.commands.arm_tries += 1;
         self.commands.pause.restart(now, COMMAND_PAUSE);
     }

@@ -17,10 +17,11 @@
 //! ArduPilot `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
 
 use alight_shared::admission::Periodic;
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State};
 use alight_shared::time::{DroneClock, Span};
 
-use super::message::{CommandLong, command, id, severity};
+use super::message::{CommandLong, MavCmd, severity};
 use super::modes::Firmware;
 use super::peer::MavlinkPeer;
 use super::{AutopilotOut, ControlAuthority, DroneTime};
@@ -30,15 +31,12 @@ const ASK: Span = Span::from_millis(1000);
 const PAUSE: Span = Span::from_millis(1000);
 const TRIES: u32 = 3;
 
-/// `MISSION_STATE_COMPLETE`.
-pub const COMPLETE: u8 = 5;
 /// `total` of an empty mission.
 const NO_ITEMS: u16 = u16::MAX;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionMonitor {
-    /// `MISSION_STATE`; 0: not reported.
-    state: u8,
+    state: m::MissionState,
     last: Option<u16>,
     /// Whether the last item has been reached since the mission began.
     reached_last: bool,
@@ -66,8 +64,9 @@ impl MissionEnd {
 impl OwnMissionMonitor {
     /// Processes `MISSION_CURRENT`. PX4 counts items from 0; ArduPilot's `total` excludes its first item,
     /// home.
-    pub(super) fn current(&mut self, firmware: Firmware, total: u16, state: u8) {
-        self.state = state;
+    pub(super) fn current(&mut self, firmware: Firmware, d: &m::MISSION_CURRENT_DATA) {
+        self.state = d.mission_state;
+        let total = d.total;
         let known = !matches!(total, 0 | NO_ITEMS);
         self.last = known.then_some(match firmware {
             Firmware::Px4 => total.saturating_sub(1),
@@ -80,8 +79,8 @@ impl OwnMissionMonitor {
     }
     fn is_complete(&self) -> bool {
         match self.state {
-            0 => self.reached_last,
-            state => state == COMPLETE,
+            m::MissionState::MISSION_STATE_UNKNOWN => self.reached_last,
+            state => state == m::MissionState::MISSION_STATE_COMPLETE,
         }
     }
     pub(super) fn is_under_way(&self) -> bool {
@@ -131,8 +130,7 @@ impl OwnMissionSequence {
     pub(super) fn ask(&mut self, now: DroneTime, peer: &MavlinkPeer, out: &mut AutopilotOut) {
         let asks = peer.flies_mission && peer.firmware == Firmware::ArduCopter;
         if asks && self.timer.is_due_spaced(now, ASK) {
-            let which = [f64::from(id::MISSION_CURRENT)];
-            out.send(CommandLong::new(peer.address, command::REQUEST_MESSAGE, which));
+            out.send(CommandLong::request(peer.address, m::MISSION_CURRENT_DATA::ID));
         }
     }
 
@@ -151,7 +149,7 @@ impl OwnMissionSequence {
         let starts = self.starts(code(State::Hold), ready && authority.commands());
         let (command, severity, text) = if starts {
             let text = "hands over to the autopilot's own mission";
-            let start = CommandLong::new(peer.address, command::MISSION_START, [0.0, 0.0]);
+            let start = CommandLong::new(peer.address, MavCmd::MAV_CMD_MISSION_START, [0.0, 0.0]);
             (start, severity::NOTICE, text)
         } else if let Some(text) = ends {
             let end = CommandLong::mode(peer.address, peer.firmware.offboard());
@@ -199,8 +197,18 @@ impl OwnMissionSequence {
 mod tests {
     use super::*;
 
-    const ACTIVE: u8 = 3;
-    const PAUSED: u8 = 4;
+    use m::MissionState::{
+        MISSION_STATE_ACTIVE as ACTIVE, MISSION_STATE_COMPLETE as COMPLETE, MISSION_STATE_PAUSED as PAUSED,
+        MISSION_STATE_UNKNOWN as UNKNOWN,
+    };
+
+    fn current(total: u16, mission_state: m::MissionState) -> m::MISSION_CURRENT_DATA {
+        m::MISSION_CURRENT_DATA {
+            total,
+            mission_state,
+            ..m::MISSION_CURRENT_DATA::DEFAULT
+        }
+    }
 
     fn armed(m: &mut OwnMissionMonitor, mode: Option<AutopilotMode>) -> OwnMission {
         m.step(true, mode.is_none(), mode.unwrap_or(AutopilotMode::Other))
@@ -210,13 +218,13 @@ mod tests {
     fn mission_done_and_held_by_px4_or_by_a_pilot() {
         let hold = Some(AutopilotMode::Hold);
         let mut m = OwnMissionMonitor::default();
-        m.current(Firmware::Px4, 4, ACTIVE);
+        m.current(Firmware::Px4, &current(4, ACTIVE));
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, 4, PAUSED);
+        m.current(Firmware::Px4, &current(4, PAUSED));
         assert_eq!(armed(&mut m, hold), OwnMission::None);
-        m.current(Firmware::Px4, 4, ACTIVE);
+        m.current(Firmware::Px4, &current(4, ACTIVE));
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, 4, COMPLETE);
+        m.current(Firmware::Px4, &current(4, COMPLETE));
         assert_eq!(armed(&mut m, hold), OwnMission::Done);
         // The pilot's Hold does not complete the mission.
         assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
@@ -224,9 +232,9 @@ mod tests {
         assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
         // In the next flight a mission still reported as complete has not started yet.
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, 4, ACTIVE);
+        m.current(Firmware::Px4, &current(4, ACTIVE));
         assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, 4, COMPLETE);
+        m.current(Firmware::Px4, &current(4, COMPLETE));
         assert_eq!(armed(&mut m, None), OwnMission::Done);
     }
 
@@ -234,7 +242,7 @@ mod tests {
     fn last_item_of_a_firmware_without_a_state() {
         for (firmware, last) in [(Firmware::Px4, 3), (Firmware::ArduCopter, 4)] {
             let mut m = OwnMissionMonitor::default();
-            m.current(firmware, 4, 0);
+            m.current(firmware, &current(4, UNKNOWN));
             assert_eq!(armed(&mut m, None), OwnMission::Flies);
             m.reached(last - 1);
             assert_eq!(armed(&mut m, None), OwnMission::Flies, "{firmware:?}");
@@ -242,7 +250,7 @@ mod tests {
             assert_eq!(armed(&mut m, None), OwnMission::Done, "{firmware:?}");
         }
         let mut m = OwnMissionMonitor::default();
-        m.current(Firmware::ArduCopter, 0, 0);
+        m.current(Firmware::ArduCopter, &current(0, UNKNOWN));
         armed(&mut m, None);
         m.reached(9);
         assert_eq!(armed(&mut m, None), OwnMission::Flies);

@@ -3,11 +3,12 @@
 use alight_shared::autopilot_parameters::{
     Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
 };
+use alight_shared::mavlink::dialect::PARAM_REQUEST_READ_DATA;
 use alight_shared::msg::{Reason, ReasonCode};
 use alight_shared::time::Span;
 
 use super::DroneTime;
-use super::message::{Address, MavlinkMessage, ParameterValue};
+use super::message::{Address, ParameterValue, chars};
 use super::modes::Firmware;
 
 const SPACING: Span = Span::from_millis(20);
@@ -103,7 +104,7 @@ impl Parameters {
         self.items.iter_mut().for_each(|i| i.old = true);
     }
     /// Next due request: an unreported parameter, or an unsuitable one at intervals.
-    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
+    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<PARAM_REQUEST_READ_DATA> {
         if now < self.next {
             return None;
         }
@@ -120,10 +121,12 @@ impl Parameters {
                 None => SILENT,
                 Some(_) => REVIEW,
             };
-        Some(MavlinkMessage::ParameterRequest {
-            to,
-            name: item.parameter.name.into(),
-            index: None,
+        Some(PARAM_REQUEST_READ_DATA {
+            target_system: to.system,
+            target_component: to.component,
+            param_id: chars(item.parameter.name),
+            // By name.
+            param_index: -1,
         })
     }
     pub fn faults(&self) -> impl Iterator<Item = (&'static Parameter, Reason)> + '_ {
@@ -189,6 +192,7 @@ impl Parameters {
 
 #[cfg(test)]
 mod tests {
+    use super::super::message::text;
     use super::*;
     use alight_shared::autopilot_parameters::Wanted;
     use alight_shared::time::Time;
@@ -197,12 +201,8 @@ mod tests {
 
     fn asked(p: &mut Parameters, from_s: f64, seconds: f64) -> Vec<String> {
         (0..(seconds * 100.0) as u32)
-            .filter_map(
-                |k| match p.ask(Time::from_secs(from_s + 0.01 * f64::from(k)), TO) {
-                    Some(MavlinkMessage::ParameterRequest { name, .. }) => Some(name),
-                    _ => None,
-                },
-            )
+            .filter_map(|k| p.ask(Time::from_secs(from_s + 0.01 * f64::from(k)), TO))
+            .map(|request| text(&request.param_id))
             .collect()
     }
     fn report(p: &mut Parameters, name: &str, value: f64) {

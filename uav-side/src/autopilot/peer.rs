@@ -1,12 +1,13 @@
 //! Reports of the autopilot, each with its time.
 
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::dialect::{BATTERY_STATUS_DATA, MavLandedState};
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{ARMED, Address};
+use super::message::{Address, MavModeFlag};
 use super::modes::Firmware;
 use super::parameters::Parameters;
 use super::rotors::RotorOutputs;
@@ -20,7 +21,6 @@ const BATTERY_STALE: Span = Span::from_millis(5000);
 /// Validity of a landed state: three reports at the slowest rate, 1 Hz.
 const LANDED_STALE: Span = Span::from_millis(3000);
 const MAX_V: f64 = 500.0;
-const MAX_A: f64 = 2000.0;
 const MAX_BATTERIES: usize = 4;
 
 #[derive(Clone, Debug)]
@@ -68,20 +68,22 @@ impl MavlinkPeer {
             parameters: Parameters::new(firmware, attitudes, now),
         }
     }
-    pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: u8, custom_mode: u32) {
+    pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: MavModeFlag, custom_mode: u32) {
         self.heartbeat_at = now;
-        self.armed = base_mode & ARMED != 0;
+        self.armed = base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
         self.on_mode(custom_mode);
     }
     pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
         self.flies_mission = self.firmware.flies_mission(custom_mode);
     }
-    pub(crate) fn on_landed(&mut self, now: DroneTime, state: u8) {
+    pub(crate) fn on_landed(&mut self, now: DroneTime, state: MavLandedState) {
         let state = match state {
-            1 => LandedState::OnGround,
-            2..=4 => LandedState::InAir,
-            _ => LandedState::Unknown,
+            MavLandedState::MAV_LANDED_STATE_UNDEFINED => LandedState::Unknown,
+            MavLandedState::MAV_LANDED_STATE_ON_GROUND => LandedState::OnGround,
+            MavLandedState::MAV_LANDED_STATE_IN_AIR
+            | MavLandedState::MAV_LANDED_STATE_TAKEOFF
+            | MavLandedState::MAV_LANDED_STATE_LANDING => LandedState::InAir,
         };
         self.resume_landed(now, state);
     }
@@ -92,18 +94,18 @@ impl MavlinkPeer {
         let fresh = self.landed.filter(|(at, _)| now - *at <= LANDED_STALE);
         fresh.map_or(LandedState::Unknown, |(_, state)| state)
     }
-    pub(crate) fn battery(
-        &mut self,
-        now: DroneTime,
-        number: u8,
-        [charge, voltage_v, current_a]: [Option<f64>; 3],
-    ) {
-        if let Some(b) = self.batteries.get_mut(usize::from(number)) {
-            let charge = charge.filter(|r| (0.0..=1.0).contains(r));
-            let voltage_v = voltage_v.filter(|v| (0.0..=MAX_V).contains(v));
-            let current_a = current_a.filter(|a| a.abs() <= MAX_A);
-            *b = Some((now, [charge, voltage_v, current_a]));
-        }
+    pub(crate) fn battery(&mut self, now: DroneTime, d: &BATTERY_STATUS_DATA) {
+        let Some(battery) = self.batteries.get_mut(usize::from(d.id)) else {
+            return;
+        };
+        let is_reported = (0..=100).contains(&d.battery_remaining);
+        let charge = is_reported.then(|| f64::from(d.battery_remaining) * 0.01);
+        // The first cell's may be the total; 65535: not measured.
+        let cells_mv = d.voltages.iter().filter(|mv| **mv != u16::MAX);
+        let voltage_v = cells_mv.map(|mv| f64::from(*mv)).sum::<f64>() * 1e-3;
+        let is_measured = voltage_v > 0.0 && voltage_v <= MAX_V;
+        let current_a = (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01);
+        *battery = Some((now, [charge, is_measured.then_some(voltage_v), current_a]));
     }
     /// Combines one value over all batteries; None if none reports it or one has fallen silent.
     fn batteries(

@@ -4,11 +4,12 @@
 //! loss of the remote control, give none, so a switch left on high does not start a landing. The mission
 //! applies its own rules to the command.
 
+use alight_shared::mavlink::dialect::{MavSysStatusSensor, RC_CHANNELS_DATA};
+use alight_shared::mavlink::fields;
 use alight_shared::msg::{Command, CommandKind, Header, MissionState};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
-use super::message::{RC_RECEIVER, RcChannels};
 use super::orders::{self, SentCommand};
 
 /// Silence of the channel after which the remote control counts as lost.
@@ -69,8 +70,13 @@ pub(super) struct RcSwitch {
 
 impl RcSwitch {
     /// Processes the sensor status. PX4 reports a working receiver as present, ArduCopter as healthy.
-    pub(super) fn on_status(&mut self, now: DroneTime, present: u32, healthy: u32) {
-        if present & healthy & RC_RECEIVER != 0 {
+    pub(super) fn on_status(
+        &mut self,
+        now: DroneTime,
+        present: MavSysStatusSensor,
+        healthy: MavSysStatusSensor,
+    ) {
+        if (present & healthy).contains(MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER) {
             (self.healthy_at, self.lost) = (Some(now), false);
         } else if self.healthy_at.is_some() {
             self.lost = true;
@@ -83,13 +89,9 @@ impl RcSwitch {
         &mut self,
         now: DroneTime,
         channel: u8,
-        channels: &RcChannels,
+        channels: &RC_CHANNELS_DATA,
     ) -> Option<CommandKind> {
-        let pulse_us = usize::from(channel)
-            .checked_sub(1)
-            .filter(|_| channel <= channels.count && !self.lost)
-            .and_then(|k| channels.pulses_us.get(k).copied())
-            .filter(|us| PULSES_US.contains(us));
+        let pulse_us = pulse_us(channel, channels).filter(|us| !self.lost && PULSES_US.contains(us));
         let Some(pulse_us) = pulse_us else {
             self.forget();
             return None;
@@ -163,6 +165,16 @@ impl RcSwitch {
     }
 }
 
+/// Pulse of a channel (from 1), us; None for a channel that the receiver lacks.
+fn pulse_us(channel: u8, d: &RC_CHANNELS_DATA) -> Option<u16> {
+    let pulses_us = fields!(d, chan1_raw chan2_raw chan3_raw chan4_raw chan5_raw chan6_raw chan7_raw chan8_raw chan9_raw chan10_raw chan11_raw chan12_raw chan13_raw chan14_raw chan15_raw chan16_raw chan17_raw chan18_raw);
+    if channel > d.chancount {
+        return None;
+    }
+    let place = usize::from(channel).checked_sub(1)?;
+    pulses_us.get(place).copied()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -171,17 +183,19 @@ mod tests {
     use alight_shared::time::Time;
 
     const CHANNEL: u8 = 7;
+    const RECEIVER: MavSysStatusSensor = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER;
+    const NONE: MavSysStatusSensor = MavSysStatusSensor::empty();
 
     fn at(s: f64) -> DroneTime {
         Time::from_secs(s)
     }
-    fn channels(pulse_us: u16) -> RcChannels {
-        let mut c = RcChannels {
-            count: 8,
-            pulses_us: [1500; 18],
-        };
-        c.pulses_us[usize::from(CHANNEL) - 1] = pulse_us;
-        c
+    /// Channels with the switch on number [`CHANNEL`].
+    fn channels(chan7_raw: u16) -> RC_CHANNELS_DATA {
+        RC_CHANNELS_DATA {
+            chancount: 8,
+            chan7_raw,
+            ..RC_CHANNELS_DATA::DEFAULT
+        }
     }
 
     /// Commands given by a switch with these pulses (us; 0: none) and durations (s) at 10 Hz. With
@@ -192,8 +206,8 @@ mod tests {
             for k in 0..(10.0 * for_s) as u32 {
                 now_s += 0.1;
                 if reports_health && k % 2 == 0 {
-                    let healthy = if pulse_us == 0 { 0 } else { RC_RECEIVER };
-                    switch.on_status(at(now_s), RC_RECEIVER, healthy);
+                    let healthy = if pulse_us == 0 { NONE } else { RECEIVER };
+                    switch.on_status(at(now_s), RECEIVER, healthy);
                 }
                 if pulse_us != 0 {
                     all.extend(switch.on_channels(at(now_s), CHANNEL, &channels(pulse_us)));
@@ -258,8 +272,8 @@ mod tests {
         let mut switch = RcSwitch::default();
         for k in 0..100 {
             let (now, high) = (at(0.1 * f64::from(k)), k >= 30);
-            let healthy = if k >= 40 { 0 } else { RC_RECEIVER };
-            switch.on_status(now, RC_RECEIVER, healthy);
+            let healthy = if k >= 40 { NONE } else { RECEIVER };
+            switch.on_status(now, RECEIVER, healthy);
             let given = switch.on_channels(now, CHANNEL, &channels(if high { 2000 } else { 1500 }));
             assert_eq!(given, None, "{k}");
         }
@@ -269,8 +283,8 @@ mod tests {
     fn rc_switch_on_a_missing_channel() {
         let mut switch = RcSwitch::default();
         for k in 0..100 {
-            let c = RcChannels {
-                count: 6,
+            let c = RC_CHANNELS_DATA {
+                chancount: 6,
                 ..channels(if k < 50 { 1500 } else { 1000 })
             };
             assert_eq!(switch.on_channels(at(0.1 * f64::from(k)), CHANNEL, &c), None);

@@ -5,11 +5,14 @@
 //! disarmed and with those a moment ago, so their protocol and order do not matter. The heartbeat that reports arming
 //! may arrive a second after the rotors start, so older outputs serve as the values at rest.
 
+use alight_shared::mavlink::dialect::SERVO_OUTPUT_RAW_DATA;
+use alight_shared::mavlink::fields;
 use alight_shared::time::Span;
 
 use super::DroneTime;
-use super::message::OUTPUTS;
 
+/// Number of outputs that are read, enough for an octorotor.
+const OUTPUTS: usize = 8;
 const PORTS: usize = 2;
 /// Minimum number of rising outputs: a multirotor has at least three rotors, and fewer servos than that move at arming.
 const ROTORS: usize = 3;
@@ -61,7 +64,9 @@ pub(crate) struct RotorOutputs {
 }
 
 impl RotorOutputs {
-    pub(crate) fn outputs(&mut self, now: DroneTime, armed: bool, port: u8, pulses: &[u16; OUTPUTS]) {
+    pub(crate) fn outputs(&mut self, now: DroneTime, armed: bool, d: &SERVO_OUTPUT_RAW_DATA) {
+        let pulses = &fields!(d, servo1_raw servo2_raw servo3_raw servo4_raw servo5_raw servo6_raw servo7_raw servo8_raw);
+        let port = d.port;
         let Some(at_rest) = self.at_rest.get_mut(usize::from(port)) else {
             return;
         };
@@ -108,12 +113,16 @@ mod tests {
     fn follow_s(at_rest: u16, reported_s: f64, pulse_us: impl Fn(f64) -> f64) -> Option<f64> {
         let mut rotors = RotorOutputs::default();
         let mut outputs = |t: f64, armed, pulse: f64| {
-            let mut all = [0; OUTPUTS];
-            for (k, p) in all.iter_mut().take(4).enumerate() {
-                *p = (pulse + if pulse > 1050.0 { 4.0 * k as f64 } else { 0.0 }) as u16;
-            }
-            all[6] = 1500;
-            rotors.outputs(Time::from_secs(t), armed, 0, &all);
+            let number = |k: f64| (pulse + if pulse > 1050.0 { 4.0 * k } else { 0.0 }) as u16;
+            let all = SERVO_OUTPUT_RAW_DATA {
+                servo1_raw: number(0.0),
+                servo2_raw: number(1.0),
+                servo3_raw: number(2.0),
+                servo4_raw: number(3.0),
+                servo7_raw: 1500,
+                ..SERVO_OUTPUT_RAW_DATA::DEFAULT
+            };
+            rotors.outputs(Time::from_secs(t), armed, &all);
             rotors.wait(Time::from_secs(t))
         };
         for k in 0..100 {

@@ -21,26 +21,26 @@ use alight_shared::msg::{Command, CommandKind, Header, MissionState, Station};
 use alight_shared::time::{DroneClock, Span};
 
 use super::DroneTime;
-use super::message::{Address, CommandResult, MavlinkMessage, command};
+use super::message::{Address, MavCmd, MavResult, MavlinkMessage, command_ack};
 use super::orders::{self, SentCommand};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StationCommand {
-    pub(super) number: u16,
+    pub(super) number: MavCmd,
     pub(super) first: [f64; 4],
     pub(super) repetition: Repetition,
 }
 
 impl StationCommand {
     /// Order in the command, or the answer to the station.
-    fn ordered(&self) -> Result<CommandKind, CommandResult> {
+    fn ordered(&self) -> Result<CommandKind, MavResult> {
         match self.number {
-            command::USER_1 | command::NAV_LAND => Ok(CommandKind::Land),
-            command::NAV_TAKEOFF => Ok(CommandKind::TakeOff),
-            command::USER_2 => Ok(CommandKind::Abort),
-            command::USER_3 => Ok(CommandKind::Hold),
-            command::USER_4 => station(self.first).map(CommandKind::Station),
-            _ => Err(CommandResult::Unsupported),
+            MavCmd::MAV_CMD_USER_1 | MavCmd::MAV_CMD_NAV_LAND => Ok(CommandKind::Land),
+            MavCmd::MAV_CMD_NAV_TAKEOFF => Ok(CommandKind::TakeOff),
+            MavCmd::MAV_CMD_USER_2 => Ok(CommandKind::Abort),
+            MavCmd::MAV_CMD_USER_3 => Ok(CommandKind::Hold),
+            MavCmd::MAV_CMD_USER_4 => station(self.first).map(CommandKind::Station),
+            _ => Err(MavResult::MAV_RESULT_UNSUPPORTED),
         }
     }
 }
@@ -48,18 +48,18 @@ impl StationCommand {
 /// Station from height, distances ahead and to starboard (m), and duration (min). NaN selects the default, and so does
 /// 0 for height, distance ahead and duration. Consoles send 0 for omitted parameters, so 0 ahead and 0 to starboard
 /// select the default place, never a place above the deck. DENIED if out of bounds.
-fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
+fn station(first: [f64; 4]) -> Result<Station, MavResult> {
     let [height_m, ahead_m, right_m, for_min] = first.map(|v| Some(v).filter(|v| !v.is_nan()));
     let unless_0 = |value: Option<f64>| value.filter(|v| *v != 0.0);
     let whole = |value: f64| {
         let whole = value.round();
         let fits = (f64::from(i8::MIN)..=f64::from(i8::MAX)).contains(&whole);
-        fits.then_some(whole as i8).ok_or(CommandResult::Denied)
+        fits.then_some(whole as i8).ok_or(MavResult::MAV_RESULT_DENIED)
     };
     // A value that rounds to 0 must not select the default.
     let positive = |value: f64| match whole(value)? {
         most @ 1.. => Ok(most.unsigned_abs()),
-        i8::MIN..=0 => Err(CommandResult::Denied),
+        i8::MIN..=0 => Err(MavResult::MAV_RESULT_DENIED),
     };
     let (ahead_m, right_m) = match (unless_0(ahead_m), right_m) {
         (None, Some(0.0)) => (None, None),
@@ -67,14 +67,17 @@ fn station(first: [f64; 4]) -> Result<Station, CommandResult> {
     };
     let place = [ahead_m.map(whole).transpose()?, right_m.map(whole).transpose()?];
     if matches!(place, [Some(0), Some(0) | None] | [None, Some(0)]) {
-        return Err(CommandResult::Denied);
+        return Err(MavResult::MAV_RESULT_DENIED);
     }
     let station = Station::named(
         place,
         unless_0(height_m).map(positive).transpose()?,
         unless_0(for_min).map(positive).transpose()?,
     );
-    station.is_sane().then_some(station).ok_or(CommandResult::Denied)
+    station
+        .is_sane()
+        .then_some(station)
+        .ok_or(MavResult::MAV_RESULT_DENIED)
 }
 
 /// Time within which a station may repeat an order.
@@ -86,7 +89,7 @@ const MAX_STATIONS: usize = 4;
 
 #[derive(Clone, Debug)]
 struct StationOrder {
-    number: u16,
+    number: MavCmd,
     order: SentCommand,
     answers: Periodic<DroneClock>,
     stations: Vec<Address>,
@@ -120,8 +123,8 @@ pub(super) struct StationOrders {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum CommandOutcome {
     /// Unknown command, or repetition of an order.
-    Answered(CommandResult),
-    Rejected(CommandResult, &'static str),
+    Answered(MavResult),
+    Rejected(MavResult, &'static str),
     Order(CommandKind),
 }
 
@@ -146,9 +149,9 @@ impl StationOrders {
         let (number, repetition) = (asked.number, asked.repetition);
         let kind = match asked.ordered() {
             Ok(kind) if counts || kind == CommandKind::Abort => kind,
-            Ok(_) => return CommandOutcome::Rejected(CommandResult::Denied, UNSIGNED),
-            Err(CommandResult::Denied) => {
-                return CommandOutcome::Rejected(CommandResult::Denied, OUT_OF_BOUNDS);
+            Ok(_) => return CommandOutcome::Rejected(MavResult::MAV_RESULT_DENIED, UNSIGNED),
+            Err(MavResult::MAV_RESULT_DENIED) => {
+                return CommandOutcome::Rejected(MavResult::MAV_RESULT_DENIED, OUT_OF_BOUNDS);
             }
             Err(answer) => return CommandOutcome::Answered(answer),
         };
@@ -157,7 +160,7 @@ impl StationOrders {
             if !same.stations.contains(&from) && same.stations.len() < MAX_STATIONS {
                 same.stations.push(from);
             }
-            return CommandOutcome::Answered(CommandResult::InProgress);
+            return CommandOutcome::Answered(MavResult::MAV_RESULT_IN_PROGRESS);
         }
         if kind == CommandKind::Abort {
             // The previous answer is not reused, because a landing may have been ordered since.
@@ -171,7 +174,7 @@ impl StationOrders {
         };
         let stopped = self.stopped.is_some_and(|at| recent(at, unaware));
         if stopped || barred || self.aborts() {
-            return CommandOutcome::Rejected(CommandResult::TemporarilyRejected, UNAWARE);
+            return CommandOutcome::Rejected(MavResult::MAV_RESULT_TEMPORARILY_REJECTED, UNAWARE);
         }
         let same = |a: &Answer| a.number == number && a.kind == kind && a.stations.contains(&from);
         match &self.decided {
@@ -184,7 +187,7 @@ impl StationOrders {
     /// Starts a new order. Returns the answer to the one it replaces.
     pub(super) fn give(
         &mut self,
-        (number, kind): (u16, CommandKind),
+        (number, kind): (MavCmd, CommandKind),
         from: Address,
         header: Header<DroneClock>,
     ) -> Option<Answer> {
@@ -197,7 +200,7 @@ impl StationOrders {
             answers,
             stations: vec![from],
         });
-        before.map(|g| g.answer(CommandResult::Other))
+        before.map(|g| g.answer(MavResult::MAV_RESULT_CANCELLED))
     }
     pub(super) fn aborts(&self) -> bool {
         let given = self.given.as_ref();
@@ -215,10 +218,10 @@ impl StationOrders {
         let answer = match orders::outcome(&given.order, now, mission) {
             None => {
                 let again = given.answers.is_due_spaced(now, ANSWERED);
-                let answer = again.then(|| given.answer(CommandResult::InProgress));
+                let answer = again.then(|| given.answer(MavResult::MAV_RESULT_IN_PROGRESS));
                 return (given.order.due(now), answer);
             }
-            Some(true) => given.answer(CommandResult::Accepted),
+            Some(true) => given.answer(MavResult::MAV_RESULT_ACCEPTED),
             Some(false) => given.rejected(mission),
         };
         self.given = None;
@@ -228,7 +231,7 @@ impl StationOrders {
 }
 
 impl StationOrder {
-    fn answer(&self, result: CommandResult) -> Answer {
+    fn answer(&self, result: MavResult) -> Answer {
         Answer {
             number: self.number,
             kind: self.order.message.kind,
@@ -239,8 +242,8 @@ impl StationOrder {
     }
     fn rejected(&self, mission: Option<&MissionState>) -> Answer {
         let result = match mission {
-            Some(_) => CommandResult::TemporarilyRejected,
-            None => CommandResult::Failed,
+            Some(_) => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+            None => MavResult::MAV_RESULT_FAILED,
         };
         Answer {
             text: Some(orders::rejection_text(&self.order, mission)),
@@ -251,20 +254,18 @@ impl StationOrder {
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Answer {
-    number: u16,
+    number: MavCmd,
     kind: CommandKind,
-    result: CommandResult,
+    result: MavResult,
     stations: Vec<Address>,
     pub(super) text: Option<String>,
 }
 
 impl Answer {
     pub(super) fn messages(&self) -> impl Iterator<Item = MavlinkMessage> + '_ {
-        self.stations.iter().map(|to| MavlinkMessage::CommandAck {
-            command: self.number,
-            result: self.result,
-            to: *to,
-        })
+        self.stations
+            .iter()
+            .map(|to| command_ack(self.number, self.result, *to))
     }
 }
 

@@ -13,7 +13,7 @@ use alight_shared::msg::{LandingMode, MissionSettings, MissionState, SettingsOrd
 use alight_shared::time::DroneClock;
 use alight_shared::topics;
 
-use super::message::{Address, MavlinkMessage, ParameterValue, severity};
+use super::message::{Address, MavlinkMessage, ParameterValue, parameter, severity};
 use super::station::UNSIGNED;
 use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
 use crate::mission_config::MissionConfig;
@@ -112,15 +112,16 @@ impl StationParameter {
         mode.map_or(format!("{value}"), |(_, name)| format!("{value} ({name})"))
     }
     fn message(self, s: &MissionSettings) -> MavlinkMessage {
-        MavlinkMessage::Parameter {
-            name: self.name().into(),
-            value: ParameterValue {
-                bits: (self.value(s) as f32).to_bits(),
-                integer: false,
-            },
-            index: self as u16,
-            count: StationParameter::ALL.len() as u16,
-        }
+        let value = ParameterValue {
+            bits: (self.value(s) as f32).to_bits(),
+            integer: false,
+        };
+        parameter(
+            self.name(),
+            value,
+            self as u16,
+            StationParameter::ALL.len() as u16,
+        )
     }
 }
 

@@ -1,10 +1,11 @@
 //! Message rates; they are requested from the autopilot again when they are too low.
 
+use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m};
 use alight_shared::time::Span;
 
 use super::DroneTime;
 use super::config::AutopilotLinkConfig;
-use super::message::{Address, CommandLong, CommandResult, MavlinkMessage, command, id};
+use super::message::{Address, CommandLong, MavCmd, MavResult};
 use super::modes::Firmware;
 
 const REQUEST_SPACING_S: f64 = 0.02;
@@ -45,34 +46,37 @@ impl MessageStreams {
     pub(crate) fn new(firmware: Firmware, c: &AutopilotLinkConfig, now: DroneTime) -> MessageStreams {
         let own: &[(u32, f64)] = match firmware {
             Firmware::Px4 => &[
-                (id::ODOMETRY, c.odometry_hz),
-                (id::HIGHRES_IMU, c.odometry_hz),
-                (id::ESTIMATOR_STATUS, ESTIMATOR_HZ),
+                (m::ODOMETRY_DATA::ID, c.odometry_hz),
+                (m::HIGHRES_IMU_DATA::ID, c.odometry_hz),
+                (m::ESTIMATOR_STATUS_DATA::ID, ESTIMATOR_HZ),
                 // PX4's heartbeats stay at 1 Hz; CURRENT_MODE is sent at a mode change and at 2 Hz.
-                (id::CURRENT_MODE, MODE_HZ),
+                (m::CURRENT_MODE_DATA::ID, MODE_HZ),
             ],
             // ArduCopter has no ODOMETRY.
             Firmware::ArduCopter => &[
-                (id::HEARTBEAT, c.heartbeat_hz),
-                (id::ATTITUDE_QUATERNION, c.odometry_hz),
-                (id::LOCAL_POSITION_NED, c.odometry_hz),
-                (id::SCALED_IMU, c.odometry_hz),
-                (id::EKF_STATUS_REPORT, ESTIMATOR_HZ),
+                (m::HEARTBEAT_DATA::ID, c.heartbeat_hz),
+                (m::ATTITUDE_QUATERNION_DATA::ID, c.odometry_hz),
+                (m::LOCAL_POSITION_NED_DATA::ID, c.odometry_hz),
+                (m::SCALED_IMU_DATA::ID, c.odometry_hz),
+                (EKF_STATUS_REPORT, ESTIMATOR_HZ),
                 // Outputs that show the rotors' spin-up; PX4's rotors start at once.
-                (id::SERVO_OUTPUT_RAW, OUTPUTS_HZ),
+                (m::SERVO_OUTPUT_RAW_DATA::ID, OUTPUTS_HZ),
             ],
         };
         let both = [
-            (id::EXTENDED_SYS_STATE, 10.0),
+            (m::EXTENDED_SYS_STATE_DATA::ID, 10.0),
             // Applied thrust. ArduCopter's VFR_HUD truncates it to whole percent.
-            (id::ATTITUDE_TARGET, 50.0),
-            (id::DISTANCE_SENSOR, c.range_hz),
-            (id::BATTERY_STATUS, 1.0),
+            (m::ATTITUDE_TARGET_DATA::ID, 50.0),
+            (m::DISTANCE_SENSOR_DATA::ID, c.range_hz),
+            (m::BATTERY_STATUS_DATA::ID, 1.0),
         ];
         let switch: &[(u32, f64)] = if c.rc_switch == 0 {
             &[]
         } else {
-            &[(id::RC_CHANNELS, CHANNELS_HZ), (id::SYS_STATUS, STATUS_HZ)]
+            &[
+                (m::RC_CHANNELS_DATA::ID, CHANNELS_HZ),
+                (m::SYS_STATUS_DATA::ID, STATUS_HZ),
+            ]
         };
         MessageStreams {
             list: both
@@ -83,7 +87,7 @@ impl MessageStreams {
                     id,
                     hz,
                     min_hz: match id {
-                        id::CURRENT_MODE => 1.0,
+                        m::CURRENT_MODE_DATA::ID => 1.0,
                         _ => MIN_RATE_FRACTION * hz,
                     },
                     received: 0,
@@ -101,14 +105,13 @@ impl MessageStreams {
             s.received = s.received.saturating_add(1);
         }
     }
-    pub(crate) fn answered(&mut self, now: DroneTime, result: CommandResult) {
-        let denied = match result {
-            CommandResult::Denied
-            | CommandResult::Unsupported
-            | CommandResult::Failed
-            | CommandResult::Other => true,
-            CommandResult::Accepted | CommandResult::InProgress | CommandResult::TemporarilyRejected => false,
-        };
+    pub(crate) fn answered(&mut self, now: DroneTime, result: MavResult) {
+        let denied = !matches!(
+            result,
+            MavResult::MAV_RESULT_ACCEPTED
+                | MavResult::MAV_RESULT_IN_PROGRESS
+                | MavResult::MAV_RESULT_TEMPORARILY_REJECTED
+        );
         let asked = self.last_asked.take();
         if let Some(s) = self.list.iter_mut().find(|s| denied && Some(s.id) == asked) {
             s.denials += 1;
@@ -118,7 +121,7 @@ impl MessageStreams {
             }
         }
     }
-    pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
+    pub(crate) fn ask(&mut self, now: DroneTime, to: Address) -> Option<CommandLong> {
         if now < self.next {
             return None;
         }
@@ -138,11 +141,11 @@ impl MessageStreams {
         self.next = now + Span::from_secs(REQUEST_SPACING_S);
         self.last_asked = Some(s.id);
         let interval = [f64::from(s.id), (1e6 / s.hz).round()];
-        Some(MavlinkMessage::Command(CommandLong::new(
+        Some(CommandLong::new(
             to,
-            command::MESSAGE_INTERVAL,
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
             interval,
-        )))
+        ))
     }
 }
 
@@ -154,18 +157,12 @@ mod tests {
     const TO: Address = Address::new(1, 1);
 
     /// Message ids requested within `seconds` while the streams in `sent` arrive at their rates.
-    fn asked(
-        s: &mut MessageStreams,
-        from_s: f64,
-        seconds: f64,
-        sent: &[u32],
-        answer: CommandResult,
-    ) -> Vec<u32> {
+    fn asked(s: &mut MessageStreams, from_s: f64, seconds: f64, sent: &[u32], answer: MavResult) -> Vec<u32> {
         let mut all = Vec::new();
         for k in 0..(seconds * 100.0) as u32 {
             let now = Time::from_secs(from_s + 0.01 * f64::from(k));
             sent.iter().for_each(|i| s.received(*i));
-            if let Some(MavlinkMessage::Command(c)) = s.ask(now, TO) {
+            if let Some(c) = s.ask(now, TO) {
                 all.push(c.parameters[0] as u32);
                 s.answered(now, answer);
             }
@@ -177,21 +174,24 @@ mod tests {
     fn missing_streams() {
         let c = AutopilotLinkConfig::default();
         let mut s = MessageStreams::new(Firmware::Px4, &c, Time::from_secs(0.0));
-        let first = asked(&mut s, 0.0, 1.0, &[], CommandResult::Accepted);
+        let first = asked(&mut s, 0.0, 1.0, &[], MavResult::MAV_RESULT_ACCEPTED);
         assert_eq!(first.len(), 8, "{first:?}");
-        assert!(first.contains(&id::ODOMETRY) && !first.contains(&id::LOCAL_POSITION_NED));
-        let all_but_range: Vec<u32> = first.into_iter().filter(|i| *i != id::DISTANCE_SENSOR).collect();
-        asked(&mut s, 1.0, 2.0, &all_but_range, CommandResult::Accepted);
-        let again = asked(&mut s, 3.0, 6.0, &all_but_range, CommandResult::Accepted);
-        assert_eq!(again, [id::DISTANCE_SENSOR; 3]);
+        assert!(first.contains(&m::ODOMETRY_DATA::ID) && !first.contains(&m::LOCAL_POSITION_NED_DATA::ID));
+        let all_but_range: Vec<u32> = first
+            .into_iter()
+            .filter(|i| *i != m::DISTANCE_SENSOR_DATA::ID)
+            .collect();
+        asked(&mut s, 1.0, 2.0, &all_but_range, MavResult::MAV_RESULT_ACCEPTED);
+        let again = asked(&mut s, 3.0, 6.0, &all_but_range, MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(again, [m::DISTANCE_SENSOR_DATA::ID; 3]);
     }
 
     #[test]
     fn denied_stream() {
         let c = AutopilotLinkConfig::default();
         let mut s = MessageStreams::new(Firmware::ArduCopter, &c, Time::from_secs(0.0));
-        let all = asked(&mut s, 0.0, 50.0, &[], CommandResult::Failed);
-        let odometry = all.iter().filter(|i| **i == id::SCALED_IMU).count();
+        let all = asked(&mut s, 0.0, 50.0, &[], MavResult::MAV_RESULT_FAILED);
+        let odometry = all.iter().filter(|i| **i == m::SCALED_IMU_DATA::ID).count();
         assert_eq!(odometry, MAX_DENIALS as usize);
     }
 }

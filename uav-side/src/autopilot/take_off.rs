@@ -15,7 +15,7 @@ use alight_shared::msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointK
 use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
-use super::message::{CommandLong, CommandResult, command, severity};
+use super::message::{CommandLong, MavCmd, MavResult, result_name, severity};
 use super::modes::Firmware;
 use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height};
@@ -64,12 +64,15 @@ impl TakeOffSequence {
             self.next.restart(now, PAUSE + PAUSE);
         }
     }
-    pub(super) fn denied(&mut self, now: DroneTime, result: CommandResult) -> Option<String> {
+    pub(super) fn denied(&mut self, now: DroneTime, result: MavResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {
             return None;
         }
         let text = self.text.take().filter(|(at, _)| now - *at <= EXPLAINS);
-        let why = text.map_or_else(|| format!("{result:?}, without a text"), |(_, text)| text);
+        let why = text.map_or_else(
+            || format!("{}, without a text", result_name(result)),
+            |(_, text)| text,
+        );
         Some(format!("does not arm: {why}"))
     }
 }
@@ -190,7 +193,11 @@ impl AutopilotLink {
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
         if may && d.next.is_due_spaced(now, PAUSE) {
             (d.arms, d.armed) = (d.arms + 1, true);
-            out.send(CommandLong::new(peer.address, command::ARM_DISARM, [1.0]));
+            out.send(CommandLong::new(
+                peer.address,
+                MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+                [1.0],
+            ));
         }
     }
 

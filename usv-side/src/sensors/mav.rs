@@ -1,11 +1,12 @@
 //! MAVLink from a boat's autopilot or INS: ATTITUDE_QUATERNION, HIGHRES_IMU, RAW_IMU, GPS_RAW_INT, GPS2_RAW, ODOMETRY
 //! (with GPS_GLOBAL_ORIGIN for its position), and ESTIMATOR_STATUS or EKF_STATUS_REPORT for the validity of the
-//! attitude. Payloads are read by their offsets in the message definition (common.xml, ardupilotmega.xml), including
-//! extension fields and truncated zeros. One of the systems on the link is the vessel's ([`crate::mavlink_systems`]).
+//! attitude. One of the systems on the link is the vessel's ([`crate::mavlink_systems`]).
 
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::fields;
 use alight_shared::mavlink::{
-    self, EKF_STATUS_REPORT, Fields, FrameReader, MAX_WAITING, MavlinkSender, Signing, dialect as m,
+    self, EKF_STATUS_REPORT, FrameReader, MAX_WAITING, MavlinkSender, MessageData as _, RawFrame, Signing,
+    dialect as m,
 };
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -28,22 +29,22 @@ const VELOCITY_SD: f64 = 0.3;
 
 /// Requested messages, each with its interval, us.
 const WANTED: [(u32, f32); 6] = [
-    (31, 40_000.0),
-    (105, 10_000.0),
-    (24, 200_000.0),
-    (124, 200_000.0),
-    (ESTIMATOR_STATUS, 1_000_000.0),
-    (EKF_STATUS_REPORT.0, 1_000_000.0),
+    (m::ATTITUDE_QUATERNION_DATA::ID, 40_000.0),
+    (m::HIGHRES_IMU_DATA::ID, 10_000.0),
+    (m::GPS_RAW_INT_DATA::ID, 200_000.0),
+    (m::GPS2_RAW_DATA::ID, 200_000.0),
+    (m::ESTIMATOR_STATUS_DATA::ID, 1_000_000.0),
+    (EKF_STATUS_REPORT, 1_000_000.0),
 ];
 /// Messages with an attitude or a position that are not read.
-const NOT_READ: [(u32, &str); 2] = [(30, "ATTITUDE"), (33, "GLOBAL_POSITION_INT")];
-const ESTIMATOR_STATUS: u32 = 230;
-/// First flag of the estimator's status, and of ArduPilot's report: valid attitude.
-const ATTITUDE_GOOD: u16 = 1;
+const NOT_READ: [(u32, &str); 2] = [
+    (m::ATTITUDE_DATA::ID, m::ATTITUDE_DATA::NAME),
+    (m::GLOBAL_POSITION_INT_DATA::ID, m::GLOBAL_POSITION_INT_DATA::NAME),
+];
 /// Number of attitudes rejected after a report without that flag (10 s at 25 Hz), unless a report with it arrives.
 const UNFIT: u16 = 250;
 /// `quality` of ODOMETRY when the odometry has failed: -1 instead of 0 to 100 %.
-const FAILED: u8 = u8::MAX;
+const FAILED: i8 = -1;
 /// Our own component: an onboard computer of the autopilot's system.
 const COMPANION: u8 = 191;
 
@@ -68,9 +69,34 @@ pub struct MavlinkDecoder {
     requests: u32,
 }
 
-/// Value in millimetres at `at` as m. None if zero, which means unknown.
-fn known_mm(p: &Fields<'_>, at: usize) -> Option<f64> {
-    Some(p.u32(at)).filter(|v| *v > 0).map(|v| f64::from(v) * 1e-3)
+/// Value in millimetres as m. None if zero, which means unknown.
+fn known_mm(mm: u32) -> Option<f64> {
+    if mm > 0 { Some(f64::from(mm) * 1e-3) } else { None }
+}
+fn ns(time_us: u64) -> i64 {
+    i64::try_from(time_us.saturating_mul(1000)).unwrap_or(i64::MAX)
+}
+/// Accelerometers and gyroscopes.
+fn inertial() -> m::HighresImuUpdatedFlags {
+    m::HighresImuUpdatedFlags::from_bits_retain(0x3f)
+}
+/// Report of the second receiver as one of the first.
+fn as_first(d: &m::GPS2_RAW_DATA) -> m::GPS_RAW_INT_DATA {
+    m::GPS_RAW_INT_DATA {
+        time_usec: d.time_usec,
+        lat: d.lat,
+        lon: d.lon,
+        alt: d.alt,
+        vel: d.vel,
+        cog: d.cog,
+        fix_type: d.fix_type,
+        alt_ellipsoid: d.alt_ellipsoid,
+        h_acc: d.h_acc,
+        v_acc: d.v_acc,
+        vel_acc: d.vel_acc,
+        yaw: d.yaw,
+        ..m::GPS_RAW_INT_DATA::DEFAULT
+    }
 }
 
 fn finite<const N: usize>(v: [f64; N]) -> Option<[f64; N]> {
@@ -94,49 +120,57 @@ impl MavlinkDecoder {
         }
     }
 
-    fn take(&mut self, id: u32, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) {
-        let boot_ms = |at: usize| i64::from(p.u32(at)) * 1_000_000;
-        let time_us = |at: usize| i64::try_from(p.u64(at).saturating_mul(1000)).unwrap_or(i64::MAX);
+    fn take(&mut self, raw: &RawFrame, out: &mut Vec<SourceMeasurement>) {
+        use m::MavMessage as M;
         let before = out.len();
-        let understood = match id {
-            31 if self.is_unfit() => self.leave_out("ATTITUDE_QUATERNION", Why::Invalid),
-            331 if self.is_unfit() || p.u8(232) == FAILED => self.leave_out("ODOMETRY", Why::Invalid),
-            ESTIMATOR_STATUS => self.estimator(p.u16(40)),
-            // An autopilot without this estimator sends zero.
-            id if id == EKF_STATUS_REPORT.0 => match p.u16(20) {
-                0 => Some(()),
-                flags => self.estimator(flags),
-            },
-            31 => self.attitude(boot_ms(0), p.floats(4), Some(p.floats(20)), out),
-            // Accelerometers and gyroscopes are included in this message.
-            105 if p.u16(60) & 0x3f == 0x3f => self.imu(time_us(0), p.floats(8), p.floats(20), 0, out),
-            105 => Some(()),
-            27 => {
-                let three = |at: usize| core::array::from_fn(|k| p.i16(at + 2 * k));
-                let force: [f64; 3] = three(8);
-                let gyro: [f64; 3] = three(14);
-                self.imu(
-                    time_us(0),
-                    force.map(|a| a * MILLI_G),
-                    gyro.map(|w| w * 1e-3),
-                    1,
-                    out,
-                )
+        let message = raw.message();
+        let understood = match &message {
+            Some(M::ATTITUDE_QUATERNION(_)) if self.is_unfit() => {
+                self.leave_out("ATTITUDE_QUATERNION", Why::Invalid)
             }
-            24 => self.gps(time_us(0), p, &FIRST, 0, out),
-            124 => self.gps(time_us(0), p, &SECOND, 1, out),
-            49 => {
-                self.origin = Some(Datum::new(p.i32(0) * 1e-7, p.i32(4) * 1e-7, p.i32(8) * 1e-3));
+            Some(M::ODOMETRY(d)) if self.is_unfit() || d.quality == FAILED => {
+                self.leave_out("ODOMETRY", Why::Invalid)
+            }
+            Some(M::ATTITUDE_QUATERNION(d)) => {
+                let attitude = fields!(d, q1 q2 q3 q4);
+                let rates = fields!(d, rollspeed pitchspeed yawspeed);
+                let at_ns = i64::from(d.time_boot_ms) * 1_000_000;
+                self.attitude(at_ns, attitude.map(f64::from), rates.map(f64::from), out)
+            }
+            Some(M::HIGHRES_IMU(d)) => {
+                let force = fields!(d, xacc yacc zacc).map(f64::from);
+                let rates = fields!(d, xgyro ygyro zgyro).map(f64::from);
+                if d.fields_updated.contains(inertial()) {
+                    self.imu(ns(d.time_usec), force, rates, 0, out)
+                } else {
+                    Some(())
+                }
+            }
+            Some(M::RAW_IMU(d)) => {
+                let force = fields!(d, xacc yacc zacc).map(|a| f64::from(a) * MILLI_G);
+                let rates = fields!(d, xgyro ygyro zgyro).map(|w| f64::from(w) * 1e-3);
+                self.imu(ns(d.time_usec), force, rates, 1, out)
+            }
+            Some(M::GPS_RAW_INT(d)) => self.gps(d, 0, out),
+            Some(M::GPS2_RAW(d)) => self.gps(&as_first(d), 1, out),
+            Some(M::GPS_GLOBAL_ORIGIN(d)) => {
+                self.origin = Some(mavlink::place(d.latitude, d.longitude, d.altitude));
                 Some(())
             }
-            331 => self.odometry(time_us(0), p, out),
-            id => {
-                self.decoded.ignored += 1;
-                let name = NOT_READ.iter().find(|(known, _)| *known == id);
-                name.into_iter()
-                    .for_each(|(_, name)| self.account.leave_out(name, Why::NotRead));
-                return;
-            }
+            Some(M::ODOMETRY(d)) => self.odometry(d, out),
+            Some(M::ESTIMATOR_STATUS(d)) => self.estimator(d.flags),
+            Some(_) | None => match raw.ekf_status() {
+                // An autopilot without this estimator sends zero.
+                Some(flags) if flags.is_empty() => Some(()),
+                Some(flags) => self.estimator(flags),
+                None => {
+                    self.decoded.ignored += 1;
+                    if let Some((_, name)) = NOT_READ.iter().find(|(known, _)| *known == raw.id) {
+                        self.account.leave_out(name, Why::NotRead);
+                    }
+                    return;
+                }
+            },
         };
         match understood {
             Some(()) => self.decoded.good += 1,
@@ -153,8 +187,9 @@ impl MavlinkDecoder {
         self.account.leave_out(name, why);
         Some(())
     }
-    fn estimator(&mut self, flags: u16) -> Option<()> {
-        self.unfit = if flags & ATTITUDE_GOOD == 0 { UNFIT } else { 0 };
+    fn estimator(&mut self, flags: m::EstimatorStatusFlags) -> Option<()> {
+        let is_fit = flags.contains(m::EstimatorStatusFlags::ESTIMATOR_ATTITUDE);
+        self.unfit = if is_fit { 0 } else { UNFIT };
         Some(())
     }
     fn is_unfit(&mut self) -> bool {
@@ -183,11 +218,11 @@ impl MavlinkDecoder {
         &mut self,
         at_ns: i64,
         q: [f64; 4],
-        rates: Option<[f64; 3]>,
+        rates: [f64; 3],
         out: &mut Vec<SourceMeasurement>,
     ) -> Option<()> {
         let [roll, pitch, yaw] = self.mounting.attitude(euler(q)?);
-        let rates = rates.and_then(finite).map(|r| self.mounting.vector(r));
+        let rates = finite(rates).map(|r| self.mounting.vector(r));
         let fix = AttitudeFix {
             rates,
             ..self.mounting.tilt([roll, pitch])
@@ -200,30 +235,30 @@ impl MavlinkDecoder {
         Some(())
     }
 
-    fn gps(
-        &mut self,
-        at_ns: i64,
-        p: &Fields<'_>,
-        at: &Receiver,
-        source: u8,
-        out: &mut Vec<SourceMeasurement>,
-    ) -> Option<()> {
+    fn gps(&mut self, d: &m::GPS_RAW_INT_DATA, source: u8, out: &mut Vec<SourceMeasurement>) -> Option<()> {
+        let at_ns = ns(d.time_usec);
+        let [name, yaw_name] = match source {
+            0 => ["GPS_RAW_INT", "GPS_RAW_INT-yaw"],
+            _ => ["GPS2_RAW", "GPS2_RAW-yaw"],
+        };
         // 0 no receiver, 1 no fix, 2 two-dimensional, 3 and above three-dimensional.
-        let kind = p.u8(at.fix_type);
-        let (latitude_deg, longitude_deg) = (p.i32(8) * 1e-7, p.i32(12) * 1e-7);
+        let kind = d.fix_type as u8;
+        let Datum {
+            latitude_deg,
+            longitude_deg,
+            height_m: sea_m,
+        } = mavlink::place(d.lat, d.lon, d.alt);
         if kind >= 2 && (latitude_deg.abs() > 90.0 || longitude_deg.abs() > 180.0) {
             return None;
         }
         if kind == 1 {
-            self.leave_out(at.names[0], Why::NoFix);
+            self.leave_out(name, Why::NoFix);
         }
-        let across = known_mm(p, at.accuracy).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
-        let down = known_mm(p, at.accuracy + 4).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
-        let (speed, course) = (p.u16(at.speed), p.u16(at.speed + 2));
-        let measured = speed != u16::MAX && course != u16::MAX;
-        let (speed, course) = (f64::from(speed) * 0.01, (f64::from(course) * 0.01).to_radians());
-        let (velocity, velocity_sd) = if measured {
-            let sd = known_mm(p, at.accuracy + 8).unwrap_or(VELOCITY_SD).max(0.02);
+        let across = known_mm(d.h_acc).unwrap_or(POSITION_SD[0]) * FAST_FRACTION;
+        let down = known_mm(d.v_acc).unwrap_or(POSITION_SD[1]) * FAST_FRACTION;
+        let (speed, course) = (f64::from(d.vel) * 0.01, (f64::from(d.cog) * 0.01).to_radians());
+        let (velocity, velocity_sd) = if d.vel != u16::MAX && d.cog != u16::MAX {
+            let sd = known_mm(d.vel_acc).unwrap_or(VELOCITY_SD).max(0.02);
             ([speed * course.cos(), speed * course.sin(), 0.0], sd)
         } else {
             ([0.0; 3], NOT_MEASURED_SD)
@@ -234,14 +269,12 @@ impl MavlinkDecoder {
         };
         let place = Datum::new(latitude_deg, longitude_deg, 0.0);
         if kind >= 2 && place.is_nowhere() {
-            self.leave_out(at.names[0], Why::Nowhere);
+            self.leave_out(name, Why::Nowhere);
         } else if kind >= 2 {
             // A height of zero above the ellipsoid means that the autopilot does not provide it.
-            let sea_m = p.i32(16) * 1e-3;
-            let stated = Some(p.i32(at.ellipsoid) * 1e-3)
-                .filter(|h| *h != 0.0)
-                .map(|h| h - sea_m);
-            self.separation = stated.or(self.separation);
+            if d.alt_ellipsoid != 0 {
+                self.separation = Some(f64::from(d.alt_ellipsoid) * 1e-3 - sea_m);
+            }
             let (separation, height_spread) = self.heights.separation(&place, sea_m, self.separation);
             let down = if kind >= 3 {
                 down.max(0.005)
@@ -266,30 +299,29 @@ impl MavlinkDecoder {
             out.push(SourceMeasurement::new(at_ns, fix));
         }
         // Heading by two antennas: 0 not supported, 65535 currently unavailable, 36000 north.
-        let yaw = p.u16(at.yaw);
-        if (1..=36_000).contains(&yaw) {
+        if (1..=36_000).contains(&d.yaw) {
             self.gps_heading = true;
-            let heading = self.mounting.heading((f64::from(yaw) * 0.01).to_radians());
+            let heading = self.mounting.heading((f64::from(d.yaw) * 0.01).to_radians());
             let fix = HeadingFix {
                 source,
                 ..self.mounting.heading_fix(heading)
             };
             out.push(SourceMeasurement::new(at_ns, fix));
-        } else if yaw == u16::MAX {
-            self.leave_out(at.names[1], Why::Invalid);
+        } else if d.yaw == u16::MAX {
+            self.leave_out(yaw_name, Why::Invalid);
         }
         Some(())
     }
 
-    fn odometry(&mut self, at_ns: i64, p: &Fields<'_>, out: &mut Vec<SourceMeasurement>) -> Option<()> {
-        // Position, attitude, velocity, rates, two covariances, frames; in NED, or the velocity in body axes.
-        let (frame, child) = (p.u8(228), p.u8(229));
-        let (position, q, velocity): ([f64; 3], [f64; 4], [f64; 3]) =
-            (p.floats(8), p.floats(20), p.floats(36));
-        if frame != m::MavFrame::MAV_FRAME_LOCAL_NED as u8 {
+    fn odometry(&mut self, d: &m::ODOMETRY_DATA, out: &mut Vec<SourceMeasurement>) -> Option<()> {
+        use m::MavFrame::{MAV_FRAME_BODY_FRD, MAV_FRAME_LOCAL_NED};
+        if d.frame_id != MAV_FRAME_LOCAL_NED {
             return Some(());
         }
-        self.attitude(at_ns, q, Some(p.floats(48)), out)?;
+        let at_ns = ns(d.time_usec);
+        let q = d.q.map(f64::from);
+        let rates = fields!(d, rollspeed pitchspeed yawspeed).map(f64::from);
+        self.attitude(at_ns, q, rates, out)?;
         let Some(origin) = self.origin else {
             return Some(());
         };
@@ -300,29 +332,30 @@ impl MavlinkDecoder {
         };
         let [w, x, y, z] = q;
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
-        let measured = finite(velocity).map(Vector3::from);
-        let velocity = match child {
-            c if c == m::MavFrame::MAV_FRAME_LOCAL_NED as u8 => measured,
-            c if c == m::MavFrame::MAV_FRAME_BODY_FRD as u8 => measured.map(|v| turn * v),
+        let measured = finite(fields!(d, vx vy vz).map(f64::from)).map(Vector3::from);
+        let velocity = match d.child_frame_id {
+            MAV_FRAME_LOCAL_NED => measured,
+            MAV_FRAME_BODY_FRD => measured.map(|v| turn * v),
             _ => None,
         };
-        // Upper triangle of a 6 x 6 matrix, row by row. The first element is NaN if the covariance is unknown.
-        let sd = |at: usize, k: usize, otherwise: f64| {
-            let [v]: [f64; 1] = p.floats(at + 4 * k);
-            if v.is_finite() && v > 0.0 {
-                v.sqrt().clamp(0.005, 100.0)
+        // Upper triangles of 6 x 6 matrices, row by row. The first element is NaN if the covariance is unknown.
+        let sd = |variance: f32, otherwise: f64| {
+            let sd = f64::from(variance).sqrt();
+            if sd.is_finite() && sd > 0.0 {
+                sd.clamp(0.005, 100.0)
             } else {
                 otherwise
             }
         };
-        let position_sd = [sd(60, 0, 0.5), sd(60, 6, 0.5), sd(60, 11, 1.0)];
+        let (p, v) = (&d.pose_covariance, &d.velocity_covariance);
+        let position_sd = [sd(p[0], 0.5), sd(p[6], 0.5), sd(p[11], 1.0)];
         let velocity_sd = match velocity {
-            Some(_) => [0, 6, 11].map(|k| sd(144, k, VELOCITY_SD)),
+            Some(_) => [v[0], v[6], v[11]].map(|v| sd(v, VELOCITY_SD)),
             None => [NOT_MEASURED_SD; 3],
         };
         let velocity = velocity.unwrap_or_default().into();
         let fix = GnssFix {
-            position: finite(position)?,
+            position: finite(fields!(d, x y z).map(f64::from))?,
             source: 2,
             height_spread,
             // Position of the autopilot itself.
@@ -350,7 +383,7 @@ impl SensorDecoder for MavlinkDecoder {
             self.frames.push(part);
             while let Some(raw) = self.frames.next_frame() {
                 if self.systems.is_own(&raw) {
-                    self.take(raw.id, &raw.fields(), out);
+                    self.take(&raw, out);
                 } else {
                     self.decoded.left_out += 1;
                 }
@@ -407,33 +440,6 @@ impl SensorDecoder for MavlinkDecoder {
         Some(bytes)
     }
 }
-
-/// Field offsets in the messages of both receivers.
-struct Receiver {
-    /// Names of the message and of its heading.
-    names: [&'static str; 2],
-    speed: usize,
-    fix_type: usize,
-    ellipsoid: usize,
-    accuracy: usize,
-    yaw: usize,
-}
-const FIRST: Receiver = Receiver {
-    names: ["GPS_RAW_INT", "GPS_RAW_INT-yaw"],
-    speed: 24,
-    fix_type: 28,
-    ellipsoid: 30,
-    accuracy: 34,
-    yaw: 50,
-};
-const SECOND: Receiver = Receiver {
-    names: ["GPS2_RAW", "GPS2_RAW-yaw"],
-    speed: 28,
-    fix_type: 32,
-    ellipsoid: 37,
-    accuracy: 41,
-    yaw: 35,
-};
 
 #[cfg(test)]
 mod tests;

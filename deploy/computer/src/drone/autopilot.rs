@@ -317,6 +317,7 @@ impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
 mod tests {
     use super::*;
     use alight_uav::autopilot::message::COMPANION_COMPONENT;
+    use alight_uav::autopilot::message::CommandLong;
 
     #[test]
     fn datagram_that_makes_its_sender_the_peer() {
@@ -324,7 +325,7 @@ mod tests {
             let address = Address::new(system, component);
             let mut encoder = Encoder::signed(signing.cloned());
             encoder
-                .frame(address, &MavlinkMessage::Origin(Default::default()))
+                .frame(address, &CommandLong::request(Address::default(), 0).into())
                 .unwrap()
         };
         let from = |system, component| of(None, system, component);

@@ -91,7 +91,7 @@ fn digits(line: &str) -> Option<[u8; 32]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::autopilot::message::{Address, MavlinkMessage};
+    use alight_uav::autopilot::message::{Address, CommandLong};
     use alight_uav::autopilot::wire::{Decoder, Encoder};
 
     const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
@@ -109,8 +109,10 @@ mod tests {
     #[test]
     fn passphrase_and_its_key() {
         let [phrase, hexadecimal] = ["abc\n", OF_ABC].map(|text| read_from(text).unwrap());
-        let bytes =
-            Encoder::signed(phrase).frame(Address::new(1, 1), &MavlinkMessage::Origin(Default::default()));
+        let bytes = Encoder::signed(phrase).frame(
+            Address::new(1, 1),
+            &CommandLong::request(Address::default(), 0).into(),
+        );
         let mut decoder = Decoder::signed(hexadecimal);
         decoder.push(&bytes.unwrap());
         assert!(decoder.next_frame().is_some());

@@ -24,7 +24,6 @@ use alight_sim::sensors::clocks::ClockModel;
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::Memory;
 use alight_transport::wake::end_requested;
-use alight_uav::autopilot::message::MavlinkMessage;
 use alight_uav::autopilot::wire::Encoder;
 
 use crate::live::config::AutopilotKind;
@@ -185,7 +184,7 @@ impl Plant {
             autopilot.take_range(clock.true_time(sample.header.at), sample);
         }
         for report in readings.beacons.drain(..) {
-            let frame = self.beacon.frame(BEACON, &MavlinkMessage::FollowTarget(report));
+            let frame = self.beacon.frame(BEACON, &report.follow_target());
             frame.iter().for_each(|bytes| drop(socket.send(bytes)));
         }
     }
@@ -415,6 +414,7 @@ mod tests {
     use super::*;
     use alight_sim::autopilots::stand_in;
     use alight_sim::physics::streams::Streams;
+    use alight_uav::autopilot::message::MavlinkMessage;
     use alight_uav::autopilot::wire::Decoder;
     use nalgebra::Vector3;
 

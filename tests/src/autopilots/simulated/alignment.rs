@@ -7,8 +7,8 @@
 
 use core::f64::consts::TAU;
 
+use alight_shared::mavlink::dialect::EstimatorStatusFlags as Flags;
 use alight_shared::time::{Span, Time, TrueTime};
-use alight_uav::autopilot::message::estimator;
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::UnitQuaternion;
 
@@ -64,12 +64,17 @@ impl Unaligned {
     }
 }
 
-pub(super) fn flags(firmware: Firmware, aligned: bool) -> u16 {
-    let height = estimator::VELOCITY_VERT | estimator::POSITION_VERT_ABS;
+pub(super) fn flags(firmware: Firmware, aligned: bool) -> Flags {
+    let height = Flags::ESTIMATOR_VELOCITY_VERT | Flags::ESTIMATOR_POS_VERT_ABS;
     match (firmware, aligned) {
-        (_, true) => height | estimator::ATTITUDE | estimator::VELOCITY_HORIZ | estimator::POSITION_HORIZ_ABS,
+        (_, true) => {
+            height
+                | Flags::ESTIMATOR_ATTITUDE
+                | Flags::ESTIMATOR_VELOCITY_HORIZ
+                | Flags::ESTIMATOR_POS_HORIZ_ABS
+        }
         // The attitude flag is set as soon as the tilt has converged.
-        (Firmware::Px4, false) => height | estimator::ATTITUDE | estimator::CONSTANT_POSITION,
-        (Firmware::ArduCopter, false) => 0,
+        (Firmware::Px4, false) => height | Flags::ESTIMATOR_ATTITUDE | Flags::ESTIMATOR_CONST_POS_MODE,
+        (Firmware::ArduCopter, false) => Flags::empty(),
     }
 }

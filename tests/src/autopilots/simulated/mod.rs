@@ -27,9 +27,10 @@ use std::collections::{BTreeMap, VecDeque};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::Signing;
+use alight_shared::mavlink::dialect::MissionState;
 use alight_shared::msg::{AutopilotMode, LandedState, RangeSample};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
-use alight_uav::autopilot::message::{Address, CommandLong, CommandResult, MavlinkMessage};
+use alight_uav::autopilot::message::{Address, CommandLong, MavResult, MavlinkMessage};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -84,7 +85,7 @@ pub struct SimulatedAutopilot {
     pub battery_report: Option<[f64; 2]>,
     pub silent: bool,
     /// Fault: every command is answered with this result and not executed.
-    pub answer: Option<CommandResult>,
+    pub answer: Option<MavResult>,
     pub arming_fault: Option<&'static str>,
     /// Home position, with its height above the sea; None until a command sets it.
     pub home: Option<Datum>,
@@ -115,7 +116,7 @@ pub struct SimulatedAutopilot {
     streams: Vec<MessageSchedule>,
     reported_mode: Option<(Time<TrueTime>, u32)>,
     /// Last state of PX4's own mission that was sent, and the time of sending.
-    reported_mission: Option<(Time<TrueTime>, u8)>,
+    reported_mission: Option<(Time<TrueTime>, MissionState)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
     encoder: Encoder,

@@ -3,8 +3,8 @@
 //! After the last waypoint PX4 enters Hold and reports a complete mission until the next start. ArduCopter
 //! hovers at that waypoint in AUTO, and restarts the mission after a disarm.
 
+use alight_shared::mavlink::dialect::{MISSION_CURRENT_DATA, MissionState};
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::own_mission::COMPLETE;
 use nalgebra::Vector3;
 
 const SPEED_MPS: f64 = 5.0;
@@ -67,19 +67,23 @@ impl OwnFlight {
     pub(super) fn reached(&mut self) -> Option<u16> {
         self.reached.take()
     }
-    /// Fields of `MISSION_CURRENT`: number of items, and state; `flies` is true while the mission's mode is active.
-    pub(super) fn report(&self, flies: bool) -> (u16, u8) {
+    /// `flies` is true while the mission's mode is active.
+    pub(super) fn report(&self, flies: bool) -> MISSION_CURRENT_DATA {
         let total = match self.items.len() {
             0 => u16::MAX,
             n => u16::try_from(n).unwrap_or(u16::MAX),
         };
-        let state = match (self.is_complete(), flies, self.next) {
-            _ if self.items.is_empty() => 1,
-            (true, _, _) => COMPLETE,
-            (false, true, _) => 3,
-            (false, false, 0) => 2,
-            (false, false, _) => 4,
+        let mission_state = match (self.is_complete(), flies, self.next) {
+            _ if self.items.is_empty() => MissionState::MISSION_STATE_NO_MISSION,
+            (true, _, _) => MissionState::MISSION_STATE_COMPLETE,
+            (false, true, _) => MissionState::MISSION_STATE_ACTIVE,
+            (false, false, 0) => MissionState::MISSION_STATE_NOT_STARTED,
+            (false, false, _) => MissionState::MISSION_STATE_PAUSED,
         };
-        (total, state)
+        MISSION_CURRENT_DATA {
+            total,
+            mission_state,
+            ..MISSION_CURRENT_DATA::DEFAULT
+        }
     }
 }

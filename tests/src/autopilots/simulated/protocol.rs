@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 
 use alight_shared::frames::{DroneNed, TrueNed, Vector};
 use alight_shared::geodesy::Datum;
+use alight_shared::mavlink::fields;
+use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m};
 use alight_shared::msg::{AutopilotMode, LandedState};
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
-    ARDUPILOT, ARMED, Address, AttitudeReport, CUSTOM_MODE, CommandLong, CommandResult, DistanceReport,
-    Heartbeat, ImuReport, LandingTarget, MavlinkMessage, OUTPUTS, OdometryReport, PX4, PositionReport,
-    RC_RECEIVER, RcChannels, TargetFrame, VelocityFrame, command, id, severity,
+    Address, CommandLong, FORCE, MavCmd, MavMessage as M, MavModeFlag, MavResult, MavType, MavlinkMessage,
+    command_ack, heartbeat, narrow, parameter, severity, text, wide,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -61,7 +62,7 @@ impl MessageSchedule {
 }
 
 pub(super) fn first_streams() -> Vec<MessageSchedule> {
-    vec![MessageSchedule::new(id::HEARTBEAT, 1.0)]
+    vec![MessageSchedule::new(m::HEARTBEAT_DATA::ID, 1.0)]
 }
 
 pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
@@ -114,6 +115,15 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
     UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
         .filter(|q| q.coords.iter().all(|v| v.is_finite()))
 }
+/// Place in 1e-7 deg and mm.
+fn integers(place: &Datum) -> [i32; 3] {
+    [
+        place.latitude_deg * 1e7,
+        place.longitude_deg * 1e7,
+        place.height_m * 1e3,
+    ]
+    .map(|v| v.round() as i32)
+}
 fn is_sane(values: &[f64]) -> bool {
     values.iter().all(|v| v.abs() < MAX_VALUE)
 }
@@ -153,54 +163,7 @@ impl SimulatedAutopilot {
 
     pub(super) fn receive(&mut self, message: &MavlinkMessage) {
         match message {
-            MavlinkMessage::Timesync {
-                remote_ns: 0,
-                local_ns,
-            } => self.outbox.push(MavlinkMessage::Timesync {
-                remote_ns: self.own_time().nanos(),
-                local_ns: *local_ns,
-            }),
-            MavlinkMessage::Command(c) if c.to == self.address => {
-                if self.commands.len() >= MAX_COMMANDS {
-                    self.commands.pop_front();
-                }
-                self.commands.push_back((self.now, *c));
-                if c.command == command::REQUEST_MESSAGE && !self.no_origin {
-                    let sea_m = self.origin.height_m - self.on_map(&self.estimator.now().position).z;
-                    let both = self.geoid_m.filter(|_| self.gnss_ellipsoid);
-                    let ellipsoid_m = both.map_or(0.0, |g| sea_m + g);
-                    self.outbox.push(match c.parameters[0] as u32 {
-                        id::GPS_RAW_INT => MavlinkMessage::GnssHeights { sea_m, ellipsoid_m },
-                        id::MISSION_CURRENT => self.mission_current(),
-                        id::HOME_POSITION => {
-                            let home = Vector::<DroneNed>::from(self.flight.home);
-                            MavlinkMessage::Home(self.home.unwrap_or(self.origin.at(&home)))
-                        }
-                        _ => {
-                            let now = self.now;
-                            self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
-                            MavlinkMessage::Origin(self.origin)
-                        }
-                    });
-                }
-                let result = self.answer.unwrap_or_else(|| self.apply(c));
-                self.outbox.push(MavlinkMessage::CommandAck {
-                    command: c.command,
-                    result,
-                    to: Address::default(),
-                });
-            }
-            MavlinkMessage::ParameterRequest { to, name, .. } if *to == self.address => {
-                let integer = INTEGERS.contains(&name.as_str());
-                let value = self.parameters.get(name.as_str());
-                let value = value.map(|v| self.firmware().parameter_value(*v, integer));
-                self.outbox.extend(value.map(|value| MavlinkMessage::Parameter {
-                    name: name.clone(),
-                    value,
-                    index: 0,
-                    count: self.parameters.len() as u16,
-                }));
-            }
+            MavlinkMessage::Common(message) => self.receive_common(message),
             MavlinkMessage::Position(p) if p.to == self.address => {
                 let numbers = [p.position, p.velocity, p.acceleration, [p.yaw, p.yaw_rate, 0.0]];
                 let reference = is_sane(numbers.as_flattened()).then(|| {
@@ -218,44 +181,126 @@ impl SimulatedAutopilot {
                     .map(|q| FlightReference::attitude(q, rates.into(), a.thrust));
                 self.take(reference);
             }
-            MavlinkMessage::LandingTarget(t) => self.take_target(t),
-            MavlinkMessage::RemoteControlOverride { to, pulses_us } if to.system == self.address.system => {
+            _ => {}
+        }
+    }
+    fn send(&mut self, message: M) {
+        self.outbox.push(message.into());
+    }
+    fn receive_common(&mut self, message: &M) {
+        match message {
+            M::TIMESYNC(d) if d.tc1 == 0 => self.send(M::TIMESYNC(m::TIMESYNC_DATA {
+                tc1: self.own_time().nanos(),
+                ts1: d.ts1,
+                ..m::TIMESYNC_DATA::DEFAULT
+            })),
+            M::LANDING_TARGET(d) => self.take_target(d),
+            M::COMMAND_LONG(d) => {
+                let command = CommandLong::from(d);
+                if command.to == self.address {
+                    self.obey(command);
+                }
+            }
+            M::PARAM_REQUEST_READ(d) if Address::new(d.target_system, d.target_component) == self.address => {
+                let name = text(&d.param_id);
+                let integer = INTEGERS.contains(&name.as_str());
+                if let Some(value) = self.parameters.get(name.as_str()) {
+                    let value = self.firmware().parameter_value(*value, integer);
+                    let count = self.parameters.len() as u16;
+                    self.outbox.push(parameter(&name, value, 0, count));
+                }
+            }
+            M::RC_CHANNELS_OVERRIDE(d) if d.target_system == self.address.system => {
+                let pulses_us = fields!(d, chan1_raw chan2_raw chan3_raw chan4_raw chan5_raw chan6_raw chan7_raw chan8_raw);
                 let channels = self.channels.get_or_insert([1500; 18]);
                 for (channel, us) in channels.iter_mut().zip(pulses_us) {
-                    if !matches!(*us, 0 | u16::MAX) {
-                        *channel = *us;
+                    // 0: returned to the receiver, 65535: unchanged.
+                    if !matches!(us, 0 | u16::MAX) {
+                        *channel = us;
                     }
                 }
             }
             _ => {}
         }
     }
+    fn obey(&mut self, c: CommandLong) {
+        if self.commands.len() >= MAX_COMMANDS {
+            self.commands.pop_front();
+        }
+        self.commands.push_back((self.now, c));
+        if c.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && !self.no_origin {
+            let message = self.requested(c.parameters[0] as u32);
+            self.send(message);
+        }
+        let result = self.answer.unwrap_or_else(|| self.apply(&c));
+        self.outbox
+            .push(command_ack(c.command, result, Address::default()));
+    }
+    /// Answer to a request of message `id`; by default the origin.
+    fn requested(&mut self, id: u32) -> M {
+        let [latitude, longitude, altitude] = match id {
+            m::GPS_RAW_INT_DATA::ID => {
+                let sea_m = self.origin.height_m - self.on_map(&self.estimator.now().position).z;
+                let both = self.geoid_m.filter(|_| self.gnss_ellipsoid);
+                return M::GPS_RAW_INT(m::GPS_RAW_INT_DATA {
+                    alt: (sea_m * 1e3).round() as i32,
+                    alt_ellipsoid: both.map_or(0, |g| ((sea_m + g) * 1e3).round() as i32),
+                    fix_type: m::GpsFixType::GPS_FIX_TYPE_3D_FIX,
+                    satellites_visible: 10,
+                    ..m::GPS_RAW_INT_DATA::DEFAULT
+                });
+            }
+            m::MISSION_CURRENT_DATA::ID => return M::MISSION_CURRENT(self.mission_current()),
+            m::HOME_POSITION_DATA::ID => {
+                let home = self.origin.at(&Vector::<DroneNed>::from(self.flight.home));
+                let [latitude, longitude, altitude] = integers(&self.home.unwrap_or(home));
+                return M::HOME_POSITION(m::HOME_POSITION_DATA {
+                    latitude,
+                    longitude,
+                    altitude,
+                    ..m::HOME_POSITION_DATA::DEFAULT
+                });
+            }
+            _ => integers(&self.origin),
+        };
+        let now = self.now;
+        self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
+        M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
+            latitude,
+            longitude,
+            altitude,
+            ..m::GPS_GLOBAL_ORIGIN_DATA::DEFAULT
+        })
+    }
     /// Handles a landing target as each firmware does. PX4 (`MavlinkReceiver::handle_message_landing_target`)
     /// accepts a valid position only in MAV_FRAME_LOCAL_NED; any other frame causes a critical text.
     /// ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires MAV_FRAME_BODY_FRD or MAV_FRAME_LOCAL_FRD; any
     /// other frame causes a single text. It uses only the direction `position / distance` of a valid
     /// position, and drops a message without a positive distance.
-    fn take_target(&mut self, t: &LandingTarget) {
+    fn take_target(&mut self, t: &m::LANDING_TARGET_DATA) {
         let e = self.estimator.now();
         let (_, _, yaw) = e.attitude.euler_angles();
-        let position = Vector3::from(t.position);
+        if t.position_valid != m::MavBool::MAV_BOOL_TRUE {
+            return;
+        }
+        let position = Vector3::from(wide([t.x, t.y, t.z]));
+        let distance_m = f64::from(t.distance);
         let from_vehicle = |rotation: UnitQuaternion<f64>| {
-            let direction = rotation * position / t.distance_m;
-            (t.distance_m > 0.0).then(|| e.position + direction * t.distance_m)
+            let direction = rotation * position / distance_m;
+            (distance_m > 0.0).then(|| e.position + direction * distance_m)
         };
         let (target, text) = match (self.firmware(), t.frame) {
-            (Firmware::Px4, TargetFrame::LocalNed) => (Some(self.off_map(&position)), None),
-            (Firmware::Px4, TargetFrame::BodyFrd | TargetFrame::LocalFrd) => {
-                let number = t.frame.number();
-                let text = format!("landing target: coordinate frame {number} unsupported");
+            (Firmware::Px4, m::MavFrame::MAV_FRAME_LOCAL_NED) => (Some(self.off_map(&position)), None),
+            (Firmware::Px4, frame) => {
+                let text = format!("landing target: coordinate frame {} unsupported", frame as u8);
                 (None, Some((severity::CRITICAL, text)))
             }
-            (Firmware::ArduCopter, TargetFrame::BodyFrd) => (from_vehicle(e.attitude), None),
-            (Firmware::ArduCopter, TargetFrame::LocalFrd) => {
+            (Firmware::ArduCopter, m::MavFrame::MAV_FRAME_BODY_FRD) => (from_vehicle(e.attitude), None),
+            (Firmware::ArduCopter, m::MavFrame::MAV_FRAME_LOCAL_FRD) => {
                 let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
                 (from_vehicle(level), None)
             }
-            (Firmware::ArduCopter, TargetFrame::LocalNed) => {
+            (Firmware::ArduCopter, _) => {
                 let first = self.targets_rejected == 0;
                 (
                     None,
@@ -284,17 +329,19 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn apply(&mut self, c: &CommandLong) -> CommandResult {
+    fn apply(&mut self, c: &CommandLong) -> MavResult {
         let p = c.parameters;
         match c.command {
-            command::MESSAGE_INTERVAL => {
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 let which = p[0] as u32;
                 match (self.firmware(), which) {
-                    (Firmware::Px4, id::SCALED_IMU | id::EKF_STATUS_REPORT)
-                    | (Firmware::ArduCopter, id::ESTIMATOR_STATUS) => return CommandResult::Failed,
-                    (Firmware::ArduCopter, id::ODOMETRY) => return CommandResult::Denied,
+                    (Firmware::Px4, m::SCALED_IMU_DATA::ID | EKF_STATUS_REPORT)
+                    | (Firmware::ArduCopter, m::ESTIMATOR_STATUS_DATA::ID) => {
+                        return MavResult::MAV_RESULT_FAILED;
+                    }
+                    (Firmware::ArduCopter, m::ODOMETRY_DATA::ID) => return MavResult::MAV_RESULT_DENIED,
                     // Accepted without effect: heartbeats keep their own rate.
-                    (Firmware::Px4, id::HEARTBEAT) => return CommandResult::Accepted,
+                    (Firmware::Px4, m::HEARTBEAT_DATA::ID) => return MavResult::MAV_RESULT_ACCEPTED,
                     (Firmware::Px4 | Firmware::ArduCopter, _) => {}
                 }
                 self.streams.retain(|s| s.id != which);
@@ -304,55 +351,55 @@ impl SimulatedAutopilot {
                     Firmware::ArduCopter => hz.min(ARDUCOPTER_HZ),
                 };
                 self.streams.push(MessageSchedule::new(which, hz));
-                CommandResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            command::ARM_DISARM => {
-                let forced = (p[1] - command::FORCE).abs() < 0.5;
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
+                let forced = (p[1] - FORCE).abs() < 0.5;
                 let arms = p[0] > 0.5;
                 if arms && !self.is_aligned() {
-                    return CommandResult::Denied;
+                    return MavResult::MAV_RESULT_DENIED;
                 }
                 if let Some(text) = self.arming_denial().filter(|_| arms && !self.armed()) {
                     let severity = severity::CRITICAL;
                     self.outbox.push(MavlinkMessage::Text { severity, text });
                     return match self.firmware() {
-                        Firmware::Px4 => CommandResult::TemporarilyRejected,
-                        Firmware::ArduCopter => CommandResult::Failed,
+                        Firmware::Px4 => MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+                        Firmware::ArduCopter => MavResult::MAV_RESULT_FAILED,
                     };
                 }
                 if !arms && !forced && self.flight.landed() != LandedState::OnGround {
-                    return CommandResult::Denied;
+                    return MavResult::MAV_RESULT_DENIED;
                 }
                 self.arm(arms);
-                CommandResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            command::SET_MODE => {
+            MavCmd::MAV_CMD_DO_SET_MODE => {
                 let custom = match self.firmware() {
                     Firmware::Px4 => px4_mode(p[1] as u32, p[2] as u32),
                     Firmware::ArduCopter => p[1] as u32,
                 };
                 if self.choose(custom) {
-                    CommandResult::Accepted
+                    MavResult::MAV_RESULT_ACCEPTED
                 } else {
-                    CommandResult::Denied
+                    MavResult::MAV_RESULT_DENIED
                 }
             }
-            command::REQUEST_MESSAGE => CommandResult::Accepted,
-            command::MISSION_START => {
+            MavCmd::MAV_CMD_REQUEST_MESSAGE => MavResult::MAV_RESULT_ACCEPTED,
+            MavCmd::MAV_CMD_MISSION_START => {
                 if self.flight.own.is_empty() {
-                    return CommandResult::Denied;
+                    return MavResult::MAV_RESULT_DENIED;
                 }
                 self.flight.own.begin_again();
                 self.choose(own_mission(self.firmware()));
-                CommandResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            command::SET_HOME => {
+            MavCmd::MAV_CMD_DO_SET_HOME => {
                 let home = Datum::new(p[4], p[5], p[6]);
                 self.flight.home = self.origin.to::<DroneNed>(&home).0;
                 self.home = Some(home);
-                CommandResult::Accepted
+                MavResult::MAV_RESULT_ACCEPTED
             }
-            _ => CommandResult::Unsupported,
+            _ => MavResult::MAV_RESULT_UNSUPPORTED,
         }
     }
 
@@ -393,9 +440,8 @@ impl SimulatedAutopilot {
         }
     }
 
-    fn mission_current(&self) -> MavlinkMessage {
-        let (total, state) = self.flight.own.report(self.flight.flies_own_mission());
-        MavlinkMessage::MissionCurrent { total, state }
+    fn mission_current(&self) -> m::MISSION_CURRENT_DATA {
+        self.flight.own.report(self.flight.flies_own_mission())
     }
     /// Reports reached items and, for PX4, the state once per second and on change.
     fn report_own_mission(&mut self) {
@@ -404,13 +450,13 @@ impl SimulatedAutopilot {
         }
         let reached = self.flight.own.reached();
         self.outbox
-            .extend(reached.map(|item| MavlinkMessage::MissionItemReached { item }));
-        let (_, state) = self.flight.own.report(self.flight.flies_own_mission());
+            .extend(reached.map(|seq| M::MISSION_ITEM_REACHED(m::MISSION_ITEM_REACHED_DATA { seq }).into()));
+        let report = self.mission_current();
+        let state = report.mission_state;
         let recent = |(at, reported)| reported == state && self.now - at < MISSION_PERIOD;
         if self.firmware() == Firmware::Px4 && !self.reported_mission.is_some_and(recent) {
             self.reported_mission = Some((self.now, state));
-            let message = self.mission_current();
-            self.outbox.push(message);
+            self.send(M::MISSION_CURRENT(report));
         }
     }
 
@@ -425,7 +471,7 @@ impl SimulatedAutopilot {
             if self.muted.contains(&which) {
                 continue;
             }
-            if which == id::CURRENT_MODE {
+            if which == m::CURRENT_MODE_DATA::ID {
                 // Sent on change, and twice per second with the vehicle's state.
                 let mode = self.mode();
                 let recent = |(at, reported)| reported == mode && self.now - at < MODE_PERIOD;
@@ -441,111 +487,168 @@ impl SimulatedAutopilot {
 
     fn message(&self, which: u32) -> Option<MavlinkMessage> {
         let time_us = (self.own_time().nanos() / 1000).max(0).unsigned_abs();
-        let time_ms = (time_us / 1000) as u32;
+        let time_boot_ms = (time_us / 1000) as u32;
         let e = self.estimator.now();
         let read = self.unaligned.map_or(e.attitude, |u| u.read(&e.attitude));
         let attitude = [read.w, read.i, read.j, read.k];
-        Some(match which {
-            id::HEARTBEAT => MavlinkMessage::Heartbeat(Heartbeat {
-                autopilot: match self.firmware() {
-                    Firmware::Px4 => PX4,
-                    Firmware::ArduCopter => ARDUPILOT,
-                },
-                vehicle: 2,
-                base_mode: CUSTOM_MODE | if self.armed() { ARMED } else { 0 },
+        let message = match which {
+            m::HEARTBEAT_DATA::ID => {
+                let mut mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
+                if self.armed() {
+                    mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
+                }
+                let autopilot = self.firmware().autopilot();
+                return Some(heartbeat(
+                    autopilot,
+                    MavType::MAV_TYPE_QUADROTOR,
+                    mode,
+                    self.mode(),
+                ));
+            }
+            m::CURRENT_MODE_DATA::ID => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
                 custom_mode: self.mode(),
+                intended_custom_mode: self.mode(),
+                ..m::CURRENT_MODE_DATA::DEFAULT
             }),
-            id::CURRENT_MODE => MavlinkMessage::Mode {
-                custom_mode: self.mode(),
-            },
-            id::ODOMETRY => {
+            m::ODOMETRY_DATA::ID => {
                 let (position, velocity) = self.estimator.sd();
                 let variances = [[position; 3], self.estimator.euler_sd(), [velocity; 3]];
-                MavlinkMessage::Odometry(OdometryReport {
-                    time_us,
-                    position: self.on_map(&e.position).into(),
-                    attitude,
-                    velocity: (read.inverse() * e.velocity).into(),
-                    frame: VelocityFrame::Body,
-                    rates: e.rates.into(),
-                    variances: Some(variances.map(|sd| sd.map(|s| s * s))),
-                    resets: self.resets,
-                })
+                let [p, a, v] = variances.map(|sd| narrow(sd.map(|s| s * s)));
+                let mut d = m::ODOMETRY_DATA {
+                    time_usec: time_us,
+                    q: narrow(attitude),
+                    frame_id: m::MavFrame::MAV_FRAME_LOCAL_NED,
+                    child_frame_id: m::MavFrame::MAV_FRAME_BODY_FRD,
+                    reset_counter: self.resets,
+                    ..m::ODOMETRY_DATA::DEFAULT
+                };
+                fields!(d, x y z) = narrow(self.on_map(&e.position).into());
+                fields!(d, vx vy vz) = narrow((read.inverse() * e.velocity).into());
+                fields!(d, rollspeed pitchspeed yawspeed) = narrow(e.rates.into());
+                // Upper triangles of 6 x 6 matrices, row by row.
+                let pose = &mut d.pose_covariance;
+                [pose[0], pose[6], pose[11]] = p;
+                [pose[15], pose[18], pose[20]] = a;
+                let velocity = &mut d.velocity_covariance;
+                [velocity[0], velocity[6], velocity[11]] = v;
+                M::ODOMETRY(d)
             }
-            id::LOCAL_POSITION_NED => MavlinkMessage::LocalPosition(PositionReport {
-                time_ms,
-                position: self.on_map(&e.position).into(),
-                velocity: e.velocity.into(),
-            }),
-            id::ATTITUDE_QUATERNION => MavlinkMessage::Attitude(AttitudeReport {
-                time_ms,
-                attitude,
-                rates: e.rates.into(),
-            }),
-            id::HIGHRES_IMU | id::SCALED_IMU => MavlinkMessage::Imu(ImuReport {
-                time_us,
-                accelerometer: e.specific_force.into(),
-                gyro: e.rates.into(),
-            }),
-            id::DISTANCE_SENSOR => {
+            m::LOCAL_POSITION_NED_DATA::ID => {
+                let mut d = m::LOCAL_POSITION_NED_DATA::DEFAULT;
+                d.time_boot_ms = time_boot_ms;
+                fields!(d, x y z) = narrow(self.on_map(&e.position).into());
+                fields!(d, vx vy vz) = narrow(e.velocity.into());
+                M::LOCAL_POSITION_NED(d)
+            }
+            m::ATTITUDE_QUATERNION_DATA::ID => {
+                let mut d = m::ATTITUDE_QUATERNION_DATA::DEFAULT;
+                d.time_boot_ms = time_boot_ms;
+                fields!(d, q1 q2 q3 q4) = narrow(attitude);
+                fields!(d, rollspeed pitchspeed yawspeed) = narrow(e.rates.into());
+                M::ATTITUDE_QUATERNION(d)
+            }
+            m::HIGHRES_IMU_DATA::ID | m::SCALED_IMU_DATA::ID => {
+                let mut d = m::HIGHRES_IMU_DATA::DEFAULT;
+                d.time_usec = time_us;
+                fields!(d, xacc yacc zacc) = narrow(e.specific_force.into());
+                fields!(d, xgyro ygyro zgyro) = narrow(e.rates.into());
+                M::HIGHRES_IMU(d)
+            }
+            m::DISTANCE_SENSOR_DATA::ID => {
                 let (at, sample) = self.range.filter(|(at, _)| self.now - *at <= RANGE_LASTS)?;
                 let own: Time<DroneClock> = self.clock.read(at);
-                MavlinkMessage::Distance(DistanceReport {
-                    time_ms: (own.nanos() / 1_000_000).max(0) as u32,
-                    range_m: sample.range_m,
-                    limits_m: self.range_limits_m,
-                    variance: Some(sample.variance),
+                // `as` saturates and maps NaN to zero.
+                let cm = |v: f64| (v * 100.0).round() as u16;
+                M::DISTANCE_SENSOR(m::DISTANCE_SENSOR_DATA {
+                    time_boot_ms: (own.nanos() / 1_000_000).max(0) as u32,
+                    min_distance: cm(self.range_limits_m[0]),
+                    max_distance: cm(self.range_limits_m[1]),
+                    current_distance: cm(sample.range_m),
+                    orientation: m::MavSensorOrientation::MAV_SENSOR_ROTATION_PITCH_270,
+                    covariance: (sample.variance * 1e4).round().clamp(1.0, 254.0) as u8,
+                    ..m::DISTANCE_SENSOR_DATA::DEFAULT
                 })
             }
-            id::EXTENDED_SYS_STATE => MavlinkMessage::Landed {
-                state: match self.landed_report.unwrap_or(self.flight.landed()) {
-                    LandedState::Unknown => 0,
-                    LandedState::OnGround => 1,
-                    LandedState::InAir => 2,
+            m::EXTENDED_SYS_STATE_DATA::ID => M::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
+                landed_state: match self.landed_report.unwrap_or(self.flight.landed()) {
+                    LandedState::Unknown => m::MavLandedState::MAV_LANDED_STATE_UNDEFINED,
+                    LandedState::OnGround => m::MavLandedState::MAV_LANDED_STATE_ON_GROUND,
+                    LandedState::InAir => m::MavLandedState::MAV_LANDED_STATE_IN_AIR,
                 },
-            },
-            id::BATTERY_STATUS => MavlinkMessage::Battery {
-                number: 0,
-                remaining: self
-                    .battery_reported
-                    .then_some(0.01 * (100.0 * self.shown_charge()).round()),
-                voltage_v: self
-                    .battery_reported
-                    .then_some(EMPTY_V + FULL_V * self.shown_charge()),
-                current_a: None,
-            },
+                ..m::EXTENDED_SYS_STATE_DATA::DEFAULT
+            }),
+            m::BATTERY_STATUS_DATA::ID => {
+                let mut battery = m::BATTERY_STATUS_DATA {
+                    voltages: [u16::MAX; 10],
+                    current_battery: -1,
+                    battery_remaining: -1,
+                    ..m::BATTERY_STATUS_DATA::DEFAULT
+                };
+                if self.battery_reported {
+                    // Battery voltage as that of the first cell.
+                    battery.voltages[0] = ((EMPTY_V + FULL_V * self.shown_charge()) * 1e3).round() as u16;
+                    battery.battery_remaining = (100.0 * self.shown_charge()).round() as i8;
+                }
+                M::BATTERY_STATUS(battery)
+            }
             // Without a signal, PX4 reports the receiver as absent. ArduCopter reports it as unhealthy, with
             // the failsafe's channel values.
-            id::RC_CHANNELS if self.remote_control_lost && self.firmware() == Firmware::Px4 => return None,
-            id::RC_CHANNELS => MavlinkMessage::RemoteControl(RcChannels {
-                count: 18,
-                pulses_us: self.channels?,
-            }),
-            id::SYS_STATUS => {
-                let bit = |is: bool| if is { RC_RECEIVER } else { 0 };
+            m::RC_CHANNELS_DATA::ID if self.remote_control_lost && self.firmware() == Firmware::Px4 => {
+                return None;
+            }
+            m::RC_CHANNELS_DATA::ID => {
+                let mut d = m::RC_CHANNELS_DATA {
+                    chancount: 18,
+                    rssi: u8::MAX,
+                    ..m::RC_CHANNELS_DATA::DEFAULT
+                };
+                fields!(d, chan1_raw chan2_raw chan3_raw chan4_raw chan5_raw chan6_raw chan7_raw chan8_raw chan9_raw chan10_raw chan11_raw chan12_raw chan13_raw chan14_raw chan15_raw chan16_raw chan17_raw chan18_raw) =
+                    self.channels?;
+                M::RC_CHANNELS(d)
+            }
+            m::SYS_STATUS_DATA::ID => {
+                let bit = |is: bool| match is {
+                    true => m::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
+                    false => m::MavSysStatusSensor::empty(),
+                };
                 let (receiver, lost) = (self.channels.is_some(), self.remote_control_lost);
-                MavlinkMessage::SystemStatus {
-                    present: bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter)),
-                    healthy: bit(receiver && !lost),
-                }
+                let present = bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter));
+                M::SYS_STATUS(m::SYS_STATUS_DATA {
+                    onboard_control_sensors_present: present,
+                    onboard_control_sensors_enabled: present,
+                    onboard_control_sensors_health: bit(receiver && !lost),
+                    ..m::SYS_STATUS_DATA::DEFAULT
+                })
             }
-            id::ESTIMATOR_STATUS => MavlinkMessage::EstimatorStatus {
+            m::ESTIMATOR_STATUS_DATA::ID => M::ESTIMATOR_STATUS(m::ESTIMATOR_STATUS_DATA {
                 flags: flags(self.firmware(), self.is_aligned()),
-            },
-            id::EKF_STATUS_REPORT => MavlinkMessage::EkfStatus {
-                flags: flags(self.firmware(), self.is_aligned()),
-            },
-            id::SERVO_OUTPUT_RAW => {
-                let mut pulses_us = [0; OUTPUTS];
-                let motors = self.flight.frame().count();
-                let pulse_us = self.flight.pulse_us().round() as u16;
-                pulses_us.iter_mut().take(motors).for_each(|p| *p = pulse_us);
-                MavlinkMessage::Outputs { port: 0, pulses_us }
+                ..m::ESTIMATOR_STATUS_DATA::DEFAULT
+            }),
+            EKF_STATUS_REPORT => {
+                let flags = flags(self.firmware(), self.is_aligned()).bits();
+                return Some(MavlinkMessage::EkfStatus { flags });
             }
-            id::ATTITUDE_TARGET => MavlinkMessage::AttitudeTargetThrust {
-                thrust: self.flight.reported_thrust(),
-            },
+            m::SERVO_OUTPUT_RAW_DATA::ID => {
+                let (motors, pulse_us) = (self.flight.frame().count(), self.flight.pulse_us().round() as u16);
+                let pulse = |k: usize| if k < motors { pulse_us } else { 0 };
+                M::SERVO_OUTPUT_RAW(m::SERVO_OUTPUT_RAW_DATA {
+                    servo1_raw: pulse(0),
+                    servo2_raw: pulse(1),
+                    servo3_raw: pulse(2),
+                    servo4_raw: pulse(3),
+                    servo5_raw: pulse(4),
+                    servo6_raw: pulse(5),
+                    servo7_raw: pulse(6),
+                    servo8_raw: pulse(7),
+                    ..m::SERVO_OUTPUT_RAW_DATA::DEFAULT
+                })
+            }
+            m::ATTITUDE_TARGET_DATA::ID => M::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
+                thrust: self.flight.reported_thrust() as f32,
+                ..m::ATTITUDE_TARGET_DATA::DEFAULT
+            }),
             _ => return None,
-        })
+        };
+        Some(message.into())
     }
 }

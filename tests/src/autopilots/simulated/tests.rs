@@ -2,8 +2,11 @@
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::{LandedState, Seq};
-use alight_uav::autopilot::message::{AttitudeThrustTarget, PositionTarget, command, id};
+use alight_uav::autopilot::message::{
+    AttitudeThrustTarget, FORCE, MavCmd, MavMessage, MavResult, PositionTarget,
+};
 use proptest::prelude::*;
 
 use super::*;
@@ -84,9 +87,9 @@ impl Flown {
     fn rest(&mut self, seconds: f64) {
         self.fly(seconds, |_| None);
     }
-    fn command(&mut self, command: u16, parameters: [f64; 2]) {
+    fn command(&mut self, command: MavCmd, parameters: [f64; 2]) {
         let c = CommandLong::new(self.a.address, command, parameters);
-        self.arrived.push(MavlinkMessage::Command(c));
+        self.arrived.push(c.into());
     }
     fn position(&self) -> Vector3<f64> {
         self.drone.truth().position.0
@@ -377,10 +380,10 @@ fn own_landing_on_a_resting_deck() {
 fn disarm_in_the_air_only_by_force_and_for_good() {
     for firmware in BOTH {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -50.0));
-        f.command(command::ARM_DISARM, [0.0, 0.0]);
+        f.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [0.0, 0.0]);
         f.rest(0.1);
         assert!(f.a.armed());
-        f.command(command::ARM_DISARM, [0.0, command::FORCE]);
+        f.command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, [0.0, FORCE]);
         f.rest(0.3);
         assert!(
             !f.a.armed() && f.drone.thrust_n() < 0.05,
@@ -396,21 +399,35 @@ fn disarm_in_the_air_only_by_force_and_for_good() {
 fn streams_at_their_rate_and_denials() {
     // ArduCopter's telemetry sends at most 40 Hz.
     for (firmware, which, denied, hz) in [
-        (Firmware::Px4, id::ODOMETRY, id::SCALED_IMU, 50_usize),
-        (Firmware::ArduCopter, id::LOCAL_POSITION_NED, id::ODOMETRY, 40),
+        (
+            Firmware::Px4,
+            m::ODOMETRY_DATA::ID,
+            m::SCALED_IMU_DATA::ID,
+            50_usize,
+        ),
+        (
+            Firmware::ArduCopter,
+            m::LOCAL_POSITION_NED_DATA::ID,
+            m::ODOMETRY_DATA::ID,
+            40,
+        ),
     ] {
         let mut f = Flown::new(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -20.0));
-        f.command(command::MESSAGE_INTERVAL, [f64::from(which), 2e4]);
-        f.command(command::MESSAGE_INTERVAL, [f64::from(denied), 2e4]);
+        f.command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [f64::from(which), 2e4]);
+        f.command(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [f64::from(denied), 2e4]);
         f.rest(0.1);
         let acks: Vec<_> = f.a.sent();
-        let denials = acks.iter().filter(
-            |m| matches!(m, MavlinkMessage::CommandAck { result, .. } if *result != CommandResult::Accepted),
-        );
+        let denials = acks.iter().filter(|m| {
+            matches!(m, MavlinkMessage::Common(MavMessage::COMMAND_ACK(d)) if d.result != MavResult::MAV_RESULT_ACCEPTED)
+        });
         assert_eq!(denials.count(), 1);
         f.rest(2.0);
-        let positions =
-            |m: &&MavlinkMessage| matches!(m, MavlinkMessage::Odometry(_) | MavlinkMessage::LocalPosition(_));
+        let positions = |m: &&MavlinkMessage| {
+            matches!(
+                m,
+                MavlinkMessage::Common(MavMessage::ODOMETRY(_) | MavMessage::LOCAL_POSITION_NED(_))
+            )
+        };
         let sent = f.a.sent().iter().filter(positions).count();
         assert!(
             (2 * hz - 1..=2 * hz + 1).contains(&sent),

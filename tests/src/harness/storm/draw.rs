@@ -1,8 +1,8 @@
 //! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the most
 //! eventful states of the flight.
 
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::State;
-use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
 use super::plan::PlannedPhase;
@@ -15,15 +15,15 @@ use crate::sensors::noise::Noise;
 const ENTRIES: [f64; 2] = [85.0, 95.0];
 /// Messages from the autopilot that a fault may stop.
 const STREAMS: [u32; 9] = [
-    id::ATTITUDE_QUATERNION,
-    id::LOCAL_POSITION_NED,
-    id::ODOMETRY,
-    id::HIGHRES_IMU,
-    id::ATTITUDE_TARGET,
-    id::EXTENDED_SYS_STATE,
-    id::BATTERY_STATUS,
-    id::ESTIMATOR_STATUS,
-    id::DISTANCE_SENSOR,
+    m::ATTITUDE_QUATERNION_DATA::ID,
+    m::LOCAL_POSITION_NED_DATA::ID,
+    m::ODOMETRY_DATA::ID,
+    m::HIGHRES_IMU_DATA::ID,
+    m::ATTITUDE_TARGET_DATA::ID,
+    m::EXTENDED_SYS_STATE_DATA::ID,
+    m::BATTERY_STATUS_DATA::ID,
+    m::ESTIMATOR_STATUS_DATA::ID,
+    m::DISTANCE_SENSOR_DATA::ID,
 ];
 
 impl Storm {
@@ -154,7 +154,7 @@ fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise
         between(spec.lasts_s),
     );
     let size = if kind == FaultKind::StreamStops {
-        f64::from(*pick(&STREAMS, noise).unwrap_or(&id::ODOMETRY))
+        f64::from(*pick(&STREAMS, noise).unwrap_or(&m::ODOMETRY_DATA::ID))
     } else if spec.size == kinds::CHECKPOINT {
         size.round()
     } else {

@@ -1,7 +1,7 @@
 use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
 use alight_shared::process::ProcessKind;
 use alight_shared::time::Span;
-use alight_uav::autopilot::message::CommandResult;
+use alight_uav::autopilot::message::MavResult;
 use alight_usv::deck::DeckInputs;
 use nalgebra::Vector3;
 

@@ -278,7 +278,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     CableOut, "cable-out", "", NONE, [0.2, 5.0], Command,
         Lasting(|f, _| f.autopilot.cut = true);
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
-        Lasting(|f, _| f.autopilot.answer = Some(CommandResult::TemporarilyRejected));
+        Lasting(|f, _| f.autopilot.answer = Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED));
     BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Nothing,
         Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,

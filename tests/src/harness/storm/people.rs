@@ -3,7 +3,7 @@
 //! take-off that ended on the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
-use alight_uav::autopilot::message::{Address, CommandLong, MavlinkMessage, command};
+use alight_uav::autopilot::message::{Address, CommandLong, MavCmd};
 use nalgebra::Vector3;
 
 use super::{FaultKind, FlightKind};
@@ -29,10 +29,10 @@ const FAR_M: f64 = 40.0;
 const HIGH_M: f64 = 20.0;
 const GROUND_STATION: Address = Address::new(255, 190);
 /// Faults that are orders, with the corresponding MAVLink command of a ground station.
-const BY_MAVLINK: [(FaultKind, u16); 3] = [
-    (FaultKind::Abort, command::USER_2),
-    (FaultKind::Hold, command::USER_3),
-    (FaultKind::OrderedAgain, command::USER_1),
+const BY_MAVLINK: [(FaultKind, MavCmd); 3] = [
+    (FaultKind::Abort, MavCmd::MAV_CMD_USER_2),
+    (FaultKind::Hold, MavCmd::MAV_CMD_USER_3),
+    (FaultKind::OrderedAgain, MavCmd::MAV_CMD_USER_1),
 ];
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -132,7 +132,7 @@ impl People {
         let t_s = rig.t_s();
         if t_s >= self.calls_s {
             self.calls_s = t_s + REPEATS_S;
-            waiting.iter().for_each(|k| send(rig, *k, command::USER_1));
+            waiting.iter().for_each(|k| send(rig, *k, MavCmd::MAV_CMD_USER_1));
         }
         waiting.is_empty().then_some(Step::Lands)
     }
@@ -222,11 +222,11 @@ fn leave(rig: &mut Rig) -> Step {
     }
     Step::Away
 }
-fn send(rig: &mut Rig, k: usize, number: u16) {
+fn send(rig: &mut Rig, k: usize, number: MavCmd) {
     let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
     if let Some(linked) = rig.world.linked(k) {
         let to = Address::new(linked.autopilot.address.system, component);
-        let order = MavlinkMessage::Command(CommandLong::new(to, number, []));
+        let order = CommandLong::new(to, number, []).into();
         linked.up.send(t, GROUND_STATION, &order);
     }
 }

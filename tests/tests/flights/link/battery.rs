@@ -4,7 +4,7 @@ use super::BOTH;
 use super::config;
 use super::rig::LinkRig;
 use alight_shared::msg::{AutopilotMode, BatteryPlace, State};
-use alight_uav::autopilot::message::{CommandResult, command};
+use alight_uav::autopilot::message::{MavCmd, MavResult};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{ControlAuthority, Diversion};
 
@@ -36,7 +36,7 @@ fn battery_reserve_diversions() {
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert_eq!(p.mode(), mode);
-        assert_eq!(p.commands_of(command::SET_MODE).len(), 1);
+        assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), 1);
         let at = p.t_s;
         p.run(10.0);
         assert_eq!(p.sent_since(at), 0);
@@ -46,7 +46,7 @@ fn battery_reserve_diversions() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
     p.linked.autopilot.battery = 0.05;
     p.run(10.0);
-    assert!(p.authority().commands() && p.commands_of(command::SET_MODE).is_empty());
+    assert!(p.authority().commands() && p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
 }
 
 #[test]
@@ -102,9 +102,9 @@ fn diversion_after_the_mission_has_counted() {
 fn denied_diversion_attempts() {
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
     p.linked.autopilot.battery = 0.05;
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
+    p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
     p.run(20.0);
-    assert_eq!(p.commands_of(command::SET_MODE).len(), 3);
+    assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), 3);
     assert_eq!(p.sent_since(p.t_s - 10.0), 0);
     assert_eq!(p.authority(), ControlAuthority::Diverted(Diversion::Return));
 }
@@ -116,12 +116,12 @@ fn battery_reserve_in_descent_and_flare() {
         p.mission = state;
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
-        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
         // The link does not act while the pilot continues without the mission, either.
         p.mission_silent = true;
         p.run(3.0);
-        assert!(p.commands_of(command::SET_MODE).is_empty() && p.authority().commands());
+        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
         p.run(2.0);
-        assert!(!p.commands_of(command::SET_MODE).is_empty());
+        assert!(!p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
     }
 }

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, State};
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::{CommandResult, command, severity};
+use alight_uav::autopilot::message::{MavCmd, MavResult, severity};
 use alight_uav::autopilot::modes::Firmware;
 
 use super::rig::{LinkRig, press, stop};
@@ -26,11 +26,11 @@ fn disarm_without_a_land_detector() {
         p.pilot = Some(stop);
         let at = p.t_s;
         p.run(1.0);
-        let disarms = p.commands_of(command::ARM_DISARM);
+        let disarms = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
         assert!((disarms[0].parameters[1] - 21196.0).abs() < 0.1 && disarms.len() <= 2);
         let mut arrived = p.linked.autopilot.commands.iter();
-        let disarm = arrived.find(|(_, c)| c.command == command::ARM_DISARM);
+        let disarm = arrived.find(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let (when, _) = disarm.unwrap();
         let after_s = when.secs() - at;
         assert!(after_s < 0.1, "{after_s}");
@@ -38,7 +38,7 @@ fn disarm_without_a_land_detector() {
         let n = disarms.len();
         p.run(10.0);
         assert_eq!(
-            p.commands_of(command::ARM_DISARM).len(),
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
             n,
             "a disarmed drone was disarmed"
         );
@@ -49,13 +49,16 @@ fn disarm_without_a_land_detector() {
 fn denied_disarm_attempts_and_report() {
     let c = config();
     let mut p = pressed(Firmware::Px4, &c);
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
+    p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
     p.pilot = Some(stop);
     p.mission = State::Landed;
     p.run(2.0);
-    assert_eq!(p.commands_of(command::ARM_DISARM).len(), c.disarm.tries as usize);
+    assert_eq!(
+        p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
+        c.disarm.tries as usize
+    );
     p.run(18.0);
-    let rare = p.commands_of(command::ARM_DISARM).len() - c.disarm.tries as usize;
+    let rare = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len() - c.disarm.tries as usize;
     assert!((8..=9).contains(&rare), "{rare}");
     assert!(
         p.texts
@@ -90,7 +93,7 @@ fn false_touchdown_in_the_air() {
             let before = p.truth().position.0.z;
             p.run(10.0);
             assert!(
-                p.commands_of(command::ARM_DISARM).is_empty(),
+                p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty(),
                 "{firmware:?} at {height} m"
             );
             assert!(p.linked.autopilot.armed());
@@ -112,7 +115,7 @@ fn still_armed(p: &LinkRig) -> Vec<String> {
 /// Rig whose pilot has stopped the drone on the deck; the autopilot denies the first disarm.
 fn stopped(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {
     let mut p = pressed(firmware, config);
-    p.linked.autopilot.answer = Some(CommandResult::Denied);
+    p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
     p.pilot = Some(stop);
     p.mission = State::Landed;
     p.run(0.1);
@@ -148,16 +151,22 @@ fn disarm_without_the_pilot_evidence() {
             p.mission = State::Landed;
             p.pilot = None;
             p.run(10.0);
-            assert!(p.commands_of(command::ARM_DISARM).is_empty() && p.linked.autopilot.armed());
+            assert!(
+                p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty() && p.linked.autopilot.armed()
+            );
         }
         let mut p = stopped(firmware, &config());
         p.linked.autopilot.answer = None;
         p.choose(AutopilotMode::Other);
         p.run(0.1);
-        let n = p.commands_of(command::ARM_DISARM).len();
+        let n = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
         p.pilot = None;
         p.run(5.0);
-        assert_eq!(p.commands_of(command::ARM_DISARM).len(), n, "{firmware:?}");
+        assert_eq!(
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
+            n,
+            "{firmware:?}"
+        );
     }
 }
 
@@ -166,7 +175,7 @@ fn abort_on_the_deck_restarts_the_disarm() {
     for firmware in BOTH {
         let c = config();
         let mut p = stopped(firmware, &c);
-        let count = |p: &LinkRig| p.commands_of(command::ARM_DISARM).len();
+        let count = |p: &LinkRig| p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
         let rare = c.disarm.tries as usize + 2;
         for _ in 0..100 {
             if count(&p) < rare {

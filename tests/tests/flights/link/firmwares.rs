@@ -1,10 +1,10 @@
 //! Responses of PX4 and ArduCopter to attitude and thrust, compared with measurements of the real firmwares.
 
 use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::mavlink::dialect::{LANDING_TARGET_DATA, MavBool, MavFrame};
 use alight_shared::msg::{DroneState, SetPoint, State};
-use alight_uav::autopilot::message::{Address, LandingTarget, MavlinkMessage, TargetFrame};
+use alight_uav::autopilot::message::MavMessage;
 use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, Encoder};
 use alight_uav::autopilot::{AutopilotLinkConfig, DeckMessage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -87,10 +87,10 @@ fn thrust_of_a_tilted_drone() {
 /// (`MavlinkReceiver::handle_message_landing_target`) requires `frame == MAV_FRAME_LOCAL_NED` (1), with the position
 /// relative to the origin. ArduPilot (`AC_PrecLand_MAVLink::handle_msg`) requires `frame == MAV_FRAME_BODY_FRD` (12)
 /// or, in newer versions, `MAV_FRAME_LOCAL_FRD` (20), and `distance > 0`, because it divides by the distance.
-fn takes(firmware: Firmware, t: &LandingTarget) -> bool {
+fn takes(firmware: Firmware, t: &LANDING_TARGET_DATA) -> bool {
     match firmware {
-        Firmware::Px4 => t.frame.number() == 1,
-        Firmware::ArduCopter => matches!(t.frame.number(), 12 | 20) && t.distance_m > 0.0,
+        Firmware::Px4 => t.frame as u8 == 1,
+        Firmware::ArduCopter => matches!(t.frame as u8, 12 | 20) && t.distance > 0.0,
     }
 }
 
@@ -123,35 +123,26 @@ fn landing_target_by_firmware() {
 
 #[test]
 fn landing_target_of_the_other_firmware() {
-    let target = |frame, distance_m| LandingTarget {
-        time_us: 1,
+    let target = |frame, distance_m: f64| LANDING_TARGET_DATA {
         frame,
-        position: [1.0, 2.0, 4.0],
-        distance_m,
-        attitude: [1.0, 0.0, 0.0, 0.0],
-        size_m: 1.0,
+        x: 1.0,
+        y: 2.0,
+        z: 4.0,
+        distance: distance_m as f32,
+        position_valid: MavBool::MAV_BOOL_TRUE,
+        ..LANDING_TARGET_DATA::DEFAULT
     };
     let norm = Vector3::new(1.0, 2.0, 4.0).norm();
     for (frame, distance_m, takers) in [
-        (TargetFrame::LocalNed, 0.0, &[Firmware::Px4][..]),
-        (TargetFrame::BodyFrd, norm, &[Firmware::ArduCopter]),
-        (TargetFrame::LocalFrd, norm, &[Firmware::ArduCopter]),
-        (TargetFrame::BodyFrd, 0.0, &[]),
+        (MavFrame::MAV_FRAME_LOCAL_NED, 0.0, &[Firmware::Px4][..]),
+        (MavFrame::MAV_FRAME_BODY_FRD, norm, &[Firmware::ArduCopter]),
+        (MavFrame::MAV_FRAME_LOCAL_FRD, norm, &[Firmware::ArduCopter]),
+        (MavFrame::MAV_FRAME_BODY_FRD, 0.0, &[]),
     ] {
-        let sent = MavlinkMessage::LandingTarget(target(frame, distance_m));
-        let mut decoder = Decoder::default();
-        decoder.push(
-            &Encoder::default()
-                .frame(Address::new(1, 191), &sent)
-                .expect("a frame"),
-        );
-        let received = decoder.next_frame().expect("a landing target").message;
-        let MavlinkMessage::LandingTarget(t) = received else {
-            panic!("{received:?}")
-        };
+        let t = target(frame, distance_m);
         for firmware in BOTH {
             let mut p = LinkRig::new(firmware, 6.0, &config());
-            p.give(&MavlinkMessage::LandingTarget(t));
+            p.give(&MavMessage::LANDING_TARGET(t.clone()).into());
             let a = &p.linked.autopilot;
             let expected = takers.contains(&firmware);
             assert_eq!(takes(firmware, &t), expected, "{firmware:?} {frame:?}");

@@ -7,7 +7,7 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::ground_station::{AGE, DISTANCE};
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, MavlinkMessage, command, severity,
+    Address, CommandLong, MavCmd, MavMessage, MavResult, MavlinkMessage, command_ack, severity,
 };
 use alight_uav::autopilot::wire::Encoder;
 
@@ -37,9 +37,7 @@ fn companion_component() {
         assert!((9..=11).contains(&p.heartbeats.len()), "{}", p.heartbeats.len());
         for (_, from, heartbeat) in &p.heartbeats {
             assert_eq!((from.system, from.component), (vehicle, 191));
-            let bytes = Encoder::default()
-                .frame(*from, &MavlinkMessage::Heartbeat(*heartbeat))
-                .expect("a frame");
+            let bytes = Encoder::default().frame(*from, heartbeat).expect("a frame");
             let mut frames = FrameReader::default();
             frames.push(&bytes);
             let frame = frames.next_frame().and_then(|f| f.message());
@@ -96,8 +94,8 @@ fn ground_station_states_and_values() {
     }
 }
 
-pub(super) fn order(number: u16) -> MavlinkMessage {
-    MavlinkMessage::Command(CommandLong::new(Address::new(VEHICLE, 191), number, []))
+pub(super) fn order(number: MavCmd) -> MavlinkMessage {
+    CommandLong::new(Address::new(VEHICLE, 191), number, []).into()
 }
 pub(super) const STATION: Address = Address::new(255, 190);
 pub(super) const VEHICLE: u8 = 3;
@@ -109,11 +107,19 @@ fn orders_of_a_link_as_shipped() {
         let mut p = LinkRig::new(firmware, 5.0, &AutopilotLinkConfig::default());
         p.waits_for_flight = true;
         p.run(3.0);
-        for number in [command::USER_1, command::NAV_TAKEOFF, command::USER_4] {
+        for number in [
+            MavCmd::MAV_CMD_USER_1,
+            MavCmd::MAV_CMD_NAV_TAKEOFF,
+            MavCmd::MAV_CMD_USER_4,
+        ] {
             (p.answers, p.notes) = Default::default();
             p.inject(STATION, &order(number));
             p.run(1.0);
-            assert_eq!(p.answers, [(number, CommandResult::Denied)], "{firmware:?}");
+            assert_eq!(
+                p.answers,
+                [(number, MavResult::MAV_RESULT_DENIED)],
+                "{firmware:?}"
+            );
             assert!(
                 p.notes.iter().any(|(_, text)| text.contains("signing_key")),
                 "{:?}",
@@ -121,7 +127,7 @@ fn orders_of_a_link_as_shipped() {
             );
         }
         assert!(p.orders.is_empty(), "{:?}", p.orders);
-        p.inject(STATION, &order(command::USER_2));
+        p.inject(STATION, &order(MavCmd::MAV_CMD_USER_2));
         p.run(0.1);
         assert!(p.orders.iter().any(|c| c.kind == CommandKind::Abort));
     }
@@ -134,12 +140,15 @@ fn rejections_state_their_reason() {
         p.run(3.0);
         let command = CommandLong::new(
             Address::new(VEHICLE, 191),
-            command::USER_4,
+            MavCmd::MAV_CMD_USER_4,
             [20.0, 50.0, 50.0, 10.0],
         );
-        p.inject(STATION, &MavlinkMessage::Command(command));
+        p.inject(STATION, &command.into());
         p.run(0.2);
-        assert_eq!(p.answers, [(command::USER_4, CommandResult::Denied)]);
+        assert_eq!(
+            p.answers,
+            [(MavCmd::MAV_CMD_USER_4, MavResult::MAV_RESULT_DENIED)]
+        );
         assert!(
             p.notes.iter().any(|(_, text)| text.contains("bounds")),
             "{:?}",
@@ -148,9 +157,14 @@ fn rejections_state_their_reason() {
     }
 }
 
-fn by_int(to: Address, command: u16) -> MavlinkMessage {
-    let first = [0.0; 4];
-    MavlinkMessage::CommandInt { to, command, first }
+fn by_int(to: Address, command: MavCmd) -> MavlinkMessage {
+    let message = MavMessage::COMMAND_INT(dialect::COMMAND_INT_DATA {
+        target_system: to.system,
+        target_component: to.component,
+        command,
+        ..dialect::COMMAND_INT_DATA::DEFAULT
+    });
+    message.into()
 }
 
 #[test]
@@ -160,10 +174,10 @@ fn order_by_command_int() {
         p.run(3.0);
         p.waits_for_flight = true;
         let to = Address::new(VEHICLE, 191);
-        let command = command::USER_1;
+        let command = MavCmd::MAV_CMD_USER_1;
         p.inject(STATION, &by_int(to, command));
         p.run(1.0);
-        let results = [CommandResult::InProgress, CommandResult::Accepted];
+        let results = [MavResult::MAV_RESULT_IN_PROGRESS, MavResult::MAV_RESULT_ACCEPTED];
         assert_eq!(p.answers, results.map(|r| (command, r)), "{firmware:?}");
         assert_eq!(p.answered, [STATION; 2]);
         assert!(p.orders.iter().all(|c| c.kind == CommandKind::Land) && !p.orders.is_empty());
@@ -186,8 +200,8 @@ fn answers_to_another_station() {
         let autopilot = p.linked.autopilot.address;
         let mut denied = |to| {
             p.texts.clear();
-            let (command, result) = (command::SET_MODE, CommandResult::Denied);
-            p.inject(autopilot, &MavlinkMessage::CommandAck { command, result, to });
+            let denial = command_ack(MavCmd::MAV_CMD_DO_SET_MODE, MavResult::MAV_RESULT_DENIED, to);
+            p.inject(autopilot, &denial);
             p.run(0.1);
             p.texts.iter().filter(|t| t.contains("denied")).count()
         };
@@ -219,7 +233,7 @@ fn abort_by_ground_station_and_landing_by_rc_switch() {
     assert!(rig.until(60.0, |r| r.state(0) == State::Descent));
     let t = rig.world.physics().now();
     let up = &mut rig.world.linked(0).unwrap().up;
-    up.send(t, STATION, &order(command::USER_2));
+    up.send(t, STATION, &order(MavCmd::MAV_CMD_USER_2));
     assert!(rig.until(60.0, |r| r.state(0) == State::GaveUp));
     let m = rig.mission(0);
     assert!(

@@ -3,7 +3,7 @@
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::State;
 use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::command;
+use alight_uav::autopilot::message::MavCmd;
 
 use super::rig::{LinkRig, hold, lead};
 use super::{BOTH, config};
@@ -26,7 +26,10 @@ fn home_on_the_deck() {
         p.run(16.0);
         // At rest the home position is sent once, and not again for 30 s.
         let times = |p: &LinkRig| -> Vec<f64> {
-            let home = p.commands.iter().filter(|(_, c)| c.command == command::SET_HOME);
+            let home = p
+                .commands
+                .iter()
+                .filter(|(_, c)| c.command == MavCmd::MAV_CMD_DO_SET_HOME);
             home.map(|(t, _)| *t).collect()
         };
         assert_eq!(times(&p).len(), 1, "{firmware:?}");
@@ -49,7 +52,7 @@ fn home_and_deck_not_configured() {
         let mut p = LinkRig::commanding(firmware, 5.0, &config());
         p.forecast = true;
         p.run(10.0);
-        assert!(p.commands_of(command::SET_HOME).is_empty() && p.linked.autopilot.home.is_none());
+        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_HOME).is_empty() && p.linked.autopilot.home.is_none());
         assert!(p.targets.is_empty() && p.deck_messages == 0);
     }
 }

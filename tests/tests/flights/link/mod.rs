@@ -19,10 +19,13 @@ mod wire;
 use super::BOTH;
 use alight_shared::geodesy::Datum;
 use alight_shared::geoid;
+use alight_shared::mavlink::dialect::BATTERY_STATUS_DATA;
 use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
-use alight_uav::autopilot::message::{Address, CommandResult, Heartbeat, MavlinkMessage, command};
+use alight_uav::autopilot::message::{
+    Address, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavType, heartbeat,
+};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
 use rig::{LinkRig, hold, lead, press};
@@ -92,7 +95,10 @@ fn px4_offboard_after_streamed_set_points() {
     p.run(2.0);
     assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
     // Only the pilot selects a mode or arms.
-    assert!(p.commands_of(command::SET_MODE).is_empty() && p.commands_of(command::ARM_DISARM).is_empty());
+    assert!(
+        p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty()
+            && p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty()
+    );
 }
 
 #[test]
@@ -134,7 +140,7 @@ fn takeover_by_a_pilot() {
                 let last = p.silent_since();
                 assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
                 assert!(
-                    p.commands_of(command::SET_MODE).is_empty(),
+                    p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty(),
                     "the link took the mode back"
                 );
                 assert_eq!(p.linked.autopilot.mode(), mode);
@@ -242,10 +248,10 @@ fn arming_when_configured() {
         let mut p = LinkRig::new(firmware, 0.3, &c);
         (p.deck_offset, p.forecast, p.waits_for_flight) = ([away_m, 0.0], forecast, true);
         p.linked.autopilot.arm(false);
-        let sent = |p: &LinkRig| p.commands_of(command::ARM_DISARM).len();
+        let sent = |p: &LinkRig| p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
         p.run(5.0);
         assert_eq!(sent(&p), 0, "armed in a pilot's mode");
-        p.linked.autopilot.answer = denied.then_some(CommandResult::Denied);
+        p.linked.autopilot.answer = denied.then_some(MavResult::MAV_RESULT_DENIED);
         p.choose(AutopilotMode::Offboard);
         p.run(20.0);
         assert_eq!(
@@ -264,25 +270,19 @@ fn arming_when_configured() {
 #[test]
 fn other_systems_on_the_link() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-    let heartbeat = |autopilot, vehicle, custom_mode| {
-        MavlinkMessage::Heartbeat(Heartbeat {
-            autopilot,
-            vehicle,
-            base_mode: 1,
-            custom_mode,
-        })
-    };
-    let flown_by_hand = heartbeat(12, 2, mode_number(Firmware::Px4, AutopilotMode::Other));
-    let empty = MavlinkMessage::Battery {
-        number: 0,
-        remaining: Some(0.0),
-        voltage_v: None,
-        current_a: None,
-    };
+    let mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
+    let other = |kind| heartbeat(MavAutopilot::MAV_AUTOPILOT_INVALID, kind, mode, 0);
+    let flown_by_hand = heartbeat(
+        MavAutopilot::MAV_AUTOPILOT_PX4,
+        MavType::MAV_TYPE_QUADROTOR,
+        mode,
+        mode_number(Firmware::Px4, AutopilotMode::Other),
+    );
+    let empty = MavMessage::BATTERY_STATUS(BATTERY_STATUS_DATA::DEFAULT).into();
     for _ in 0..100 {
         // Heartbeats of a ground station, of a camera on this drone, and of another drone in manual flight.
-        p.inject(Address::new(255, 190), &heartbeat(8, 6, 0));
-        p.inject(Address::new(3, 100), &heartbeat(8, 30, 0));
+        p.inject(Address::new(255, 190), &other(MavType::MAV_TYPE_GCS));
+        p.inject(Address::new(3, 100), &other(MavType::MAV_TYPE_CAMERA));
         p.inject(Address::new(4, 1), &flown_by_hand);
         p.inject(Address::new(4, 1), &empty);
         p.run(0.05);
@@ -307,7 +307,7 @@ fn odometry_about_the_autopilots_origin() {
         p.linked.autopilot.origin = origin;
         // One receiver reports both heights, the other only one: a missing height must not count as zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
-        p.linked.autopilot.answer = Some(CommandResult::Denied);
+        p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
         p.linked.autopilot.no_origin = true;
         p.run(3.0);
         assert_eq!(p.authority(), ControlAuthority::NoOrigin);

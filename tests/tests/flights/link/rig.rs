@@ -3,6 +3,7 @@
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::mavlink::dialect::LANDING_TARGET_DATA;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage, DroneState,
     Header, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq,
@@ -16,8 +17,8 @@ use alight_sim::physics::body::RigidState;
 use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
 use alight_sim::physics::streams::Streams;
 use alight_uav::autopilot::message::{
-    Address, CommandLong, CommandResult, Heartbeat, LandingTarget, MavlinkMessage, TargetAbsolute,
-    TargetRelative,
+    Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkMessage, TargetAbsolute, TargetRelative,
+    text,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{
@@ -88,9 +89,9 @@ pub struct LinkRig {
     /// Named values: time, s; name; value.
     pub values: Vec<(f64, String, f64)>,
     /// Heartbeats of the companion computer: time, s; address; heartbeat.
-    pub heartbeats: Vec<(f64, Address, Heartbeat)>,
+    pub heartbeats: Vec<(f64, Address, MavlinkMessage)>,
     pub orders: Vec<Command>,
-    pub answers: Vec<(u16, CommandResult)>,
+    pub answers: Vec<(MavCmd, MavResult)>,
     pub answered: Vec<Address>,
     pub parameters: Vec<(String, f32)>,
     /// Mission settings from ground stations.
@@ -101,7 +102,7 @@ pub struct LinkRig {
     pub deck_messages: usize,
     /// Deck centre relative to the point below the drone, north and east, m.
     pub deck_offset: [f64; 2],
-    pub targets: Vec<LandingTarget>,
+    pub targets: Vec<LANDING_TARGET_DATA>,
     /// Targets for the autopilot's target estimator.
     pub relative: Vec<TargetRelative>,
     pub absolute: Vec<TargetAbsolute>,
@@ -364,23 +365,26 @@ impl LinkRig {
                 MavlinkMessage::Position(_) | MavlinkMessage::AttitudeThrust(_) => {
                     self.sent.push((self.t_s, m.clone()))
                 }
-                MavlinkMessage::LandingTarget(t) => self.targets.push(*t),
                 MavlinkMessage::TargetRelative(t) => self.relative.push(*t),
                 MavlinkMessage::TargetAbsolute(t) => self.absolute.push(*t),
-                MavlinkMessage::Deck { .. } => self.deck_messages += 1,
-                MavlinkMessage::Command(c) => self.commands.push((self.t_s, *c)),
-                MavlinkMessage::CommandAck { command, result, to } => {
-                    self.answers.push((*command, *result));
-                    self.answered.push(*to);
-                }
-                MavlinkMessage::Parameter { name, value, .. } => {
-                    self.parameters.push((name.clone(), f32::from_bits(value.bits)));
-                }
                 MavlinkMessage::Text { severity, text } => self.notes.push((*severity, text.clone())),
-                MavlinkMessage::NamedValue { name, value, .. } => {
-                    self.values.push((self.t_s, name.clone(), *value));
+                MavlinkMessage::Common(M::LANDING_TARGET(d)) => self.targets.push(d.clone()),
+                MavlinkMessage::Common(M::DEBUG_FLOAT_ARRAY(_)) => self.deck_messages += 1,
+                MavlinkMessage::Common(M::COMMAND_LONG(d)) => self.commands.push((self.t_s, d.into())),
+                MavlinkMessage::Common(M::COMMAND_ACK(d)) => {
+                    self.answers.push((d.command, d.result));
+                    self.answered
+                        .push(Address::new(d.target_system, d.target_component));
                 }
-                MavlinkMessage::Heartbeat(h) => self.heartbeats.push((self.t_s, out.from, *h)),
+                MavlinkMessage::Common(M::PARAM_VALUE(d)) => {
+                    self.parameters.push((text(&d.param_id), d.param_value));
+                }
+                MavlinkMessage::Common(M::NAMED_VALUE_FLOAT(d)) => {
+                    self.values.push((self.t_s, text(&d.name), d.value.into()));
+                }
+                MavlinkMessage::Common(M::HEARTBEAT(_)) => {
+                    self.heartbeats.push((self.t_s, out.from, m.clone()))
+                }
                 _ => {}
             }
         }
@@ -398,7 +402,7 @@ impl LinkRig {
     pub fn sent_since(&self, t_s: f64) -> usize {
         self.sent.iter().filter(|(t, _)| *t > t_s).count()
     }
-    pub fn commands_of(&self, command: u16) -> Vec<CommandLong> {
+    pub fn commands_of(&self, command: MavCmd) -> Vec<CommandLong> {
         self.commands
             .iter()
             .map(|(_, c)| *c)

@@ -1,7 +1,7 @@
 //! Loss of one kind of report.
 
+use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::LandedState;
-use alight_uav::autopilot::message::id;
 use alight_uav::autopilot::modes::Firmware;
 
 use super::rig::LinkRig;
@@ -15,7 +15,7 @@ fn battery_report_that_stops() {
         p.linked.autopilot.battery = 0.57;
         p.run(3.0);
         assert!((p.state().battery.unwrap() - 0.57).abs() < 0.02, "{firmware:?}");
-        p.linked.autopilot.muted = vec![id::BATTERY_STATUS];
+        p.linked.autopilot.muted = vec![m::BATTERY_STATUS_DATA::ID];
         p.run(4.0);
         assert!(
             p.state().battery.is_some(),
@@ -38,7 +38,7 @@ fn landed_report_that_stops() {
     p.linked.autopilot.landed_report = Some(LandedState::OnGround);
     p.run(1.0);
     assert_eq!(p.state().landed, LandedState::OnGround);
-    p.linked.autopilot.muted = vec![id::EXTENDED_SYS_STATE];
+    p.linked.autopilot.muted = vec![m::EXTENDED_SYS_STATE_DATA::ID];
     p.run(4.0);
     assert_eq!(p.state().landed, LandedState::Unknown);
 }

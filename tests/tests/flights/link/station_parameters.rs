@@ -3,18 +3,19 @@
 use super::ground::{STATION, VEHICLE};
 use super::rig::LinkRig;
 use super::{BOTH, config};
+use alight_shared::mavlink::dialect as m;
 use alight_shared::msg::LandingMode;
-use alight_uav::autopilot::message::{Address, MavlinkMessage, ParameterValue};
+use alight_uav::autopilot::message::{MavMessage as M, MavlinkMessage, chars};
 
-pub(super) fn set(component: u8, name: &str, value: f32) -> MavlinkMessage {
-    MavlinkMessage::ParameterSet {
-        to: Address::new(VEHICLE, component),
-        name: name.into(),
-        value: ParameterValue {
-            bits: value.to_bits(),
-            integer: false,
-        },
-    }
+pub(super) fn set(target_component: u8, name: &str, param_value: f32) -> MavlinkMessage {
+    let message = M::PARAM_SET(m::PARAM_SET_DATA {
+        param_value,
+        target_system: VEHICLE,
+        target_component,
+        param_id: chars(name),
+        param_type: m::MavParamType::MAV_PARAM_TYPE_REAL32,
+    });
+    message.into()
 }
 
 fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
@@ -29,7 +30,6 @@ fn disarmed(firmware: alight_uav::autopilot::modes::Firmware) -> LinkRig {
 fn parameters_of_the_companion() {
     for firmware in BOTH {
         let mut p = disarmed(firmware);
-        let own = Address::new(VEHICLE, 191);
         let expected: Vec<(String, f32)> = [
             ("ALIGHT_MODE", 2.0),
             ("ALIGHT_APPR_H", 15.0),
@@ -39,18 +39,23 @@ fn parameters_of_the_companion() {
         .map(|(name, value)| (name.to_owned(), value))
         .into();
         // Addressed to this component, and to all components.
-        for to in [own, Address::new(VEHICLE, 0)] {
-            p.inject(STATION, &MavlinkMessage::ParameterList { to });
+        for target_component in [191, 0] {
+            let list = m::PARAM_REQUEST_LIST_DATA {
+                target_system: VEHICLE,
+                target_component,
+            };
+            p.inject(STATION, &M::PARAM_REQUEST_LIST(list).into());
             p.run(0.1);
             assert_eq!(core::mem::take(&mut p.parameters), expected, "{firmware:?}");
         }
-        let read = |name: &str, index| MavlinkMessage::ParameterRequest {
-            to: own,
-            name: name.into(),
-            index,
+        let read = |name: &str, param_index| m::PARAM_REQUEST_READ_DATA {
+            param_index,
+            target_system: VEHICLE,
+            target_component: 191,
+            param_id: chars(name),
         };
-        for request in [read("", Some(3)), read("ALIGHT_MATCH_H", None), read("", Some(4))] {
-            p.inject(STATION, &request);
+        for request in [read("", 3), read("ALIGHT_MATCH_H", -1), read("", 4)] {
+            p.inject(STATION, &M::PARAM_REQUEST_READ(request).into());
         }
         p.run(0.1);
         let twice = [expected[3].clone(), expected[3].clone()];

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
-use alight_uav::autopilot::message::{Address, Heartbeat, MavlinkMessage, command};
+use alight_uav::autopilot::message::{Address, MavAutopilot, MavCmd, MavModeFlag, MavType, heartbeat};
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use super::rig::{LinkRig, STEP, hover};
@@ -29,7 +29,7 @@ fn mode_and_arming_of_a_take_off() {
     for firmware in BOTH {
         let mut p = standing(firmware);
         // The link commands nothing before the countdown ends.
-        let commands = [command::SET_MODE, command::ARM_DISARM];
+        let commands = [MavCmd::MAV_CMD_DO_SET_MODE, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM];
         assert!(
             commands.iter().all(|c| p.commands_of(*c).is_empty()),
             "{firmware:?}"
@@ -41,9 +41,13 @@ fn mode_and_arming_of_a_take_off() {
             "{firmware:?}"
         );
         p.assert_commanding();
-        assert_eq!(p.commands_of(command::ARM_DISARM).len(), 1, "{firmware:?}");
+        assert_eq!(
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
+            1,
+            "{firmware:?}"
+        );
         assert!(
-            p.commands_of(command::ARM_DISARM)[0].parameters[1] == 0.0,
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)[0].parameters[1] == 0.0,
             "not by force"
         );
         // The drone is disarmed after the stop, and not armed again.
@@ -65,7 +69,11 @@ fn autopilot_that_does_not_arm() {
         p.mission = State::SpinUp;
         p.run(10.0);
         assert!(!p.linked.autopilot.armed());
-        assert_eq!(p.commands_of(command::ARM_DISARM).len(), 3, "{firmware:?}");
+        assert_eq!(
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
+            3,
+            "{firmware:?}"
+        );
         let expected = format!("{} does not arm: {text}", firmware.name());
         assert!(p.texts.contains(&expected), "{firmware:?}: {:?}", p.texts);
         let sent = p
@@ -83,7 +91,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
         let mut p = standing(firmware);
         p.mission = State::SpinUp;
         for _ in 0..2000 {
-            if !p.commands_of(command::ARM_DISARM).is_empty() {
+            if !p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty() {
                 break;
             }
             p.run(STEP.secs());
@@ -91,7 +99,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
         p.run(0.1);
         p.mission = State::StandDown;
         p.run(4.0);
-        let sent = p.commands_of(command::ARM_DISARM);
+        let sent = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let forced = sent.iter().skip(1).all(|c| c.parameters[1] != 0.0);
         assert!(sent.len() > 1 && forced, "{firmware:?}: {sent:?}");
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
@@ -102,18 +110,18 @@ fn take_off_stopped_as_the_autopilot_arms() {
 #[test]
 fn take_off_with_two_autopilots_on_the_link() {
     let mut p = standing(Firmware::Px4);
-    let neighbour = MavlinkMessage::Heartbeat(Heartbeat {
-        autopilot: 12,
-        vehicle: 2,
-        base_mode: 1,
-        custom_mode: px4_mode(4, 4),
-    });
+    let neighbour = heartbeat(
+        MavAutopilot::MAV_AUTOPILOT_PX4,
+        MavType::MAV_TYPE_QUADROTOR,
+        MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+        px4_mode(4, 4),
+    );
     p.mission = State::SpinUp;
     for _ in 0..16 {
         p.inject(Address::new(4, 1), &neighbour);
         p.run(0.5);
     }
-    let commands = [command::SET_MODE, command::ARM_DISARM];
+    let commands = [MavCmd::MAV_CMD_DO_SET_MODE, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM];
     assert!(commands.iter().all(|c| p.commands_of(*c).is_empty()));
     assert_eq!(p.state().rejection.code, ReasonCode::SeveralAutopilots);
 }
@@ -132,8 +140,12 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
         p.mission = State::StandDown;
         p.run(3.0);
         let since = p.commands.iter().skip(before);
-        let mut commanded =
-            since.filter(|(_, c)| matches!(c.command, command::SET_MODE | command::ARM_DISARM));
+        let mut commanded = since.filter(|(_, c)| {
+            matches!(
+                c.command,
+                MavCmd::MAV_CMD_DO_SET_MODE | MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+            )
+        });
         assert!(commanded.next().is_none(), "{firmware:?}");
     }
 }
@@ -165,11 +177,14 @@ fn mission_chosen_again_after_the_turn_back() {
         let mut p = LinkRig::commanding(firmware, 15.0, &config());
         assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
         p.run(5.0);
-        assert!(p.commands_of(command::SET_MODE).is_empty(), "{firmware:?}");
+        assert!(
+            p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty(),
+            "{firmware:?}"
+        );
         p.turns_back = true;
         p.run(5.0);
         assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?}");
-        let sent = p.commands_of(command::SET_MODE).len();
+        let sent = p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len();
         assert!((1..=3).contains(&sent), "{firmware:?}: {sent}");
         for _ in 0..2 {
             assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
@@ -180,7 +195,11 @@ fn mission_chosen_again_after_the_turn_back() {
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
-        assert_eq!(p.commands_of(command::SET_MODE).len(), sent, "{firmware:?}");
+        assert_eq!(
+            p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(),
+            sent,
+            "{firmware:?}"
+        );
     }
 }
 
@@ -193,7 +212,10 @@ fn arming_that_a_pilot_may_have_ended() {
         p.run(0.5);
         p.restart_link(0.2);
         p.run(8.0);
-        assert!(p.commands_of(command::ARM_DISARM).is_empty(), "{firmware:?}");
+        assert!(
+            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty(),
+            "{firmware:?}"
+        );
         let mut p = standing(firmware);
         p.mission = State::SpinUp;
         p.run(6.0);

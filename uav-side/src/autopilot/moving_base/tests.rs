@@ -3,7 +3,9 @@ use alight_shared::msg::Seq;
 use alight_shared::node::Node as _;
 use alight_shared::time::Time;
 
-use super::super::message::{AUTOPILOT_COMPONENT, Address, CUSTOM_MODE, Heartbeat, MavlinkFrame, PX4};
+use super::super::message::{
+    AUTOPILOT_COMPONENT, Address, MavAutopilot, MavModeFlag, MavType, MavlinkFrame, MavlinkMessage, heartbeat,
+};
 use super::super::wire::{Decoder, Encoder};
 use super::super::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
 use super::*;
@@ -34,18 +36,19 @@ struct Reader {
 
 impl Reader {
     fn take(&mut self, message: &MavlinkMessage) {
-        let MavlinkMessage::Rtcm { flags, data } = message else {
+        let MavlinkMessage::Common(MavMessage::GPS_RTCM_DATA(d)) = message else {
             return;
         };
-        if flags & 1 == 0 {
-            self.frames.push(data.clone());
+        let data = d.data[..usize::from(d.len)].to_vec();
+        if d.flags & 1 == 0 {
+            self.frames.push(data);
             return;
         }
-        let (number, sequence) = (usize::from((flags >> 1) & 3), flags >> 3);
+        let (number, sequence) = (usize::from((d.flags >> 1) & 3), d.flags >> 3);
         if self.parts.len() != 4 || sequence != self.sequence {
             (self.sequence, self.parts) = (sequence, vec![None; 4]);
         }
-        self.parts[number] = Some(data.clone());
+        self.parts[number] = Some(data);
         let ends = |p: &Option<Vec<u8>>| p.as_ref().is_some_and(|p| p.len() < 180);
         let length = self.parts.iter().position(ends).map_or(4, |k| k + 1);
         if self.parts[..length].iter().all(Option::is_some) {
@@ -65,12 +68,13 @@ fn fragments_reassembled_to_the_frame() {
         let parts = fragments(&bytes[..length], k).unwrap();
         assert_eq!(parts.len(), count, "{length}");
         // The fragments are encoded, which drops trailing zeros, and decoded again.
-        for part in &parts {
+        for part in parts.into_iter().map(MavMessage::GPS_RTCM_DATA) {
             let mut decoder = Decoder::default();
             let to = Address::new(1, 191);
-            decoder.push(&Encoder::default().frame(to, part).unwrap());
+            let part = MavlinkMessage::from(part);
+            decoder.push(&Encoder::default().frame(to, &part).unwrap());
             let received = decoder.next_frame().unwrap().message;
-            assert_eq!(&received, part, "{length}");
+            assert_eq!(received, part, "{length}");
             reader.take(&received);
         }
         assert_eq!(reader.frames.pop().as_deref(), Some(&bytes[..length]), "{length}");
@@ -204,12 +208,12 @@ fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOu
     let mut link = AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1);
     let heartbeat = MavlinkFrame {
         from: Address::new(1, AUTOPILOT_COMPONENT),
-        message: MavlinkMessage::Heartbeat(Heartbeat {
-            autopilot: PX4,
-            vehicle: 2,
-            base_mode: CUSTOM_MODE,
-            custom_mode: 0,
-        }),
+        message: heartbeat(
+            MavAutopilot::MAV_AUTOPILOT_PX4,
+            MavType::MAV_TYPE_QUADROTOR,
+            MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            0,
+        ),
     };
     let received = vec![heartbeat];
     let first = AutopilotIn {
@@ -249,7 +253,7 @@ fn frames_to_the_autopilot_or_to_the_receiver() {
     assert_eq!(counts(&link), [2, 2], "too long, and too old");
 
     let (out, link) = link_out("serial:///dev/ttyACM0:115200", frames());
-    let is_rtcm = |m: &&MavlinkMessage| matches!(m, MavlinkMessage::Rtcm { .. });
+    let is_rtcm = |m: &&MavlinkMessage| matches!(m, MavlinkMessage::Common(MavMessage::GPS_RTCM_DATA(_)));
     assert_eq!(out.messages.iter().filter(is_rtcm).count(), 0);
     assert_eq!(out.rtcm, [rtcm(60), rtcm(400), rtcm(721)]);
     assert_eq!(counts(&link), [3, 1]);

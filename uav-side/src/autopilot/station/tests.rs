@@ -3,7 +3,11 @@ use alight_shared::msg::{ReasonCode, State};
 use alight_shared::time::Time;
 
 use CommandOutcome::{Answered, Order, Rejected};
-use CommandResult::{Accepted, Denied, Failed, InProgress, Other, TemporarilyRejected, Unsupported};
+use MavResult::{
+    MAV_RESULT_ACCEPTED as Accepted, MAV_RESULT_CANCELLED as Cancelled, MAV_RESULT_DENIED as Denied,
+    MAV_RESULT_FAILED as Failed, MAV_RESULT_IN_PROGRESS as InProgress,
+    MAV_RESULT_TEMPORARILY_REJECTED as TemporarilyRejected, MAV_RESULT_UNSUPPORTED as Unsupported,
+};
 
 fn at(s: f64) -> DroneTime {
     Time::from_secs(s)
@@ -13,10 +17,10 @@ const REJECTED: CommandOutcome = Rejected(TemporarilyRejected, UNAWARE);
 /// The remote control does not block orders, and orders on the link are accepted.
 const FREE: [bool; 2] = [false, true];
 const BARRED: [bool; 2] = [true, true];
-fn new(command: u16) -> StationCommand {
+fn new(command: MavCmd) -> StationCommand {
     asked(command, Repetition::No)
 }
-fn asked(number: u16, repetition: Repetition) -> StationCommand {
+fn asked(number: MavCmd, repetition: Repetition) -> StationCommand {
     StationCommand {
         number,
         first: [0.0; 4],
@@ -26,7 +30,7 @@ fn asked(number: u16, repetition: Repetition) -> StationCommand {
 fn given(sequence: u32, s: f64) -> Header<DroneClock> {
     Header::new(0, 1, 7, sequence, at(s))
 }
-const LAND: (u16, CommandKind) = (command::USER_1, CommandKind::Land);
+const LAND: (MavCmd, CommandKind) = (MavCmd::MAV_CMD_USER_1, CommandKind::Land);
 fn tracking(s: f64) -> MissionState {
     MissionState {
         header: Header::new(0, 1, 5, 1, at(s)),
@@ -40,9 +44,9 @@ fn tracking(s: f64) -> MissionState {
 fn station_orders_and_repetitions() {
     let mut orders = StationOrders::default();
     let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &new(c), FREE);
-    let (land, abort) = (command::USER_1, command::USER_2);
+    let (land, abort) = (MavCmd::MAV_CMD_USER_1, MavCmd::MAV_CMD_USER_2);
     assert_eq!(
-        answered(&mut orders, 9.9, command::SET_MODE),
+        answered(&mut orders, 9.9, MavCmd::MAV_CMD_DO_SET_MODE),
         Answered(Unsupported)
     );
     assert_eq!(answered(&mut orders, 9.9, land), Order(CommandKind::Land));
@@ -51,7 +55,7 @@ fn station_orders_and_repetitions() {
     // An abort replaces the order and blocks others.
     assert_eq!(answered(&mut orders, 10.1, abort), Order(CommandKind::Abort));
     let replaced = orders.give((abort, CommandKind::Abort), STATION, given(2, 10.1));
-    assert_eq!(replaced.map(|a| (a.number, a.result)), Some((land, Other)));
+    assert_eq!(replaced.map(|a| (a.number, a.result)), Some((land, Cancelled)));
     assert!(orders.aborts());
     assert_eq!(answered(&mut orders, 10.2, land), REJECTED);
 }
@@ -61,7 +65,7 @@ fn station_orders_unaware_of_an_abort() {
     let mut orders = StationOrders::default();
     orders.stopped(at(10.0));
     let lands = |orders: &mut StationOrders, s, repetition| {
-        orders.received(at(s), STATION, &asked(command::USER_1, repetition), FREE)
+        orders.received(at(s), STATION, &asked(MavCmd::MAV_CMD_USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
     let first = Repetition::No;
@@ -77,11 +81,11 @@ fn station_orders_unaware_of_an_abort() {
         );
     }
     assert_eq!(
-        orders.received(at(30.0), STATION, &new(command::USER_1), BARRED),
+        orders.received(at(30.0), STATION, &new(MavCmd::MAV_CMD_USER_1), BARRED),
         REJECTED
     );
     assert_eq!(
-        orders.received(at(10.1), STATION, &new(command::USER_2), BARRED),
+        orders.received(at(10.1), STATION, &new(MavCmd::MAV_CMD_USER_2), BARRED),
         Order(CommandKind::Abort)
     );
 }
@@ -90,7 +94,7 @@ fn station_orders_unaware_of_an_abort() {
 fn station_order_whose_answer_was_lost() {
     let mut orders = StationOrders::default();
     let again = |orders: &mut StationOrders, s, from, repetition| {
-        orders.received(at(s), from, &asked(command::USER_1, repetition), FREE)
+        orders.received(at(s), from, &asked(MavCmd::MAV_CMD_USER_1, repetition), FREE)
     };
     let ordered = Order(CommandKind::Land);
     // A repetition after a lost answer is answered again without a new order.
@@ -125,7 +129,12 @@ fn station_order_rejected_and_repeated() {
         (Repetition::No, Order(CommandKind::Land)),
         (Repetition::Perhaps, Order(CommandKind::Land)),
     ] {
-        let received = orders.received(at(17.0), STATION, &asked(command::USER_1, repetition), FREE);
+        let received = orders.received(
+            at(17.0),
+            STATION,
+            &asked(MavCmd::MAV_CMD_USER_1, repetition),
+            FREE,
+        );
         assert_eq!(received, expected, "{repetition:?}");
     }
 }
@@ -134,7 +143,7 @@ fn station_order_rejected_and_repeated() {
 fn station_abort_after_a_landing_from_elsewhere() {
     let mut orders = StationOrders::default();
     let header = given(1, 10.0);
-    orders.give((command::USER_2, CommandKind::Abort), STATION, header);
+    orders.give((MavCmd::MAV_CMD_USER_2, CommandKind::Abort), STATION, header);
     let mission = MissionState {
         abort: Some([header.boot, header.sequence]),
         order: None,
@@ -144,7 +153,12 @@ fn station_abort_after_a_landing_from_elsewhere() {
     assert_eq!(answer.map(|a| a.result), Some(Accepted));
     // The stations do not know of a landing that another operator orders.
     for repetition in [Repetition::No, Repetition::Yes, Repetition::Perhaps] {
-        let received = orders.received(at(20.0), STATION, &asked(command::USER_2, repetition), FREE);
+        let received = orders.received(
+            at(20.0),
+            STATION,
+            &asked(MavCmd::MAV_CMD_USER_2, repetition),
+            FREE,
+        );
         assert_eq!(received, Order(CommandKind::Abort), "{repetition:?}");
     }
 }
@@ -155,16 +169,13 @@ fn station_order_answered_to_all_who_gave_it() {
     orders.give(LAND, STATION, given(1, 10.0));
     let others: Vec<Address> = (1..9).map(|k| Address::new(k, 190)).collect();
     for other in [&STATION].into_iter().chain(&others) {
-        let answered = orders.received(at(10.1), *other, &new(command::USER_1), FREE);
+        let answered = orders.received(at(10.1), *other, &new(MavCmd::MAV_CMD_USER_1), FREE);
         assert_eq!(answered, Answered(InProgress));
     }
     let (_, answer) = orders.poll(at(20.0), None);
     let reported: Vec<MavlinkMessage> = answer.iter().flat_map(Answer::messages).collect();
-    let expected = [STATION, others[0], others[1], others[2]].map(|to| MavlinkMessage::CommandAck {
-        command: command::USER_1,
-        result: Failed,
-        to,
-    });
+    let expected =
+        [STATION, others[0], others[1], others[2]].map(|to| command_ack(MavCmd::MAV_CMD_USER_1, Failed, to));
     assert_eq!(reported, expected);
 }
 
@@ -207,7 +218,7 @@ fn station_order_answers() {
 #[test]
 fn station_of_a_command() {
     let ordered = |first| {
-        let number = command::USER_4;
+        let number = MavCmd::MAV_CMD_USER_4;
         StationCommand {
             number,
             first,
@@ -254,12 +265,12 @@ fn orders_of_an_unsigned_link() {
     let mut orders = StationOrders::default();
     let unsigned = [false, false];
     for (number, expected) in [
-        (command::USER_1, Rejected(Denied, UNSIGNED)),
-        (command::USER_3, Rejected(Denied, UNSIGNED)),
-        (command::USER_4, Rejected(Denied, UNSIGNED)),
-        (command::NAV_TAKEOFF, Rejected(Denied, UNSIGNED)),
-        (command::USER_2, Order(CommandKind::Abort)),
-        (command::SET_MODE, Answered(Unsupported)),
+        (MavCmd::MAV_CMD_USER_1, Rejected(Denied, UNSIGNED)),
+        (MavCmd::MAV_CMD_USER_3, Rejected(Denied, UNSIGNED)),
+        (MavCmd::MAV_CMD_USER_4, Rejected(Denied, UNSIGNED)),
+        (MavCmd::MAV_CMD_NAV_TAKEOFF, Rejected(Denied, UNSIGNED)),
+        (MavCmd::MAV_CMD_USER_2, Order(CommandKind::Abort)),
+        (MavCmd::MAV_CMD_DO_SET_MODE, Answered(Unsupported)),
     ] {
         assert_eq!(
             orders.received(at(9.0), STATION, &new(number), unsigned),
@@ -273,12 +284,12 @@ fn station_in_place_of_another() {
     let mut orders = StationOrders::default();
     let right = |m| StationCommand {
         first: [0.0, 0.0, m, 0.0],
-        ..new(command::USER_4)
+        ..new(MavCmd::MAV_CMD_USER_4)
     };
     let Order(first) = orders.received(at(10.0), STATION, &right(20.0), FREE) else {
         panic!("no order");
     };
-    orders.give((command::USER_4, first), STATION, given(1, 10.0));
+    orders.give((MavCmd::MAV_CMD_USER_4, first), STATION, given(1, 10.0));
     let again = orders.received(at(10.1), STATION, &right(20.0), FREE);
     assert_eq!(again, Answered(InProgress));
     let other = orders.received(at(10.2), STATION, &right(30.0), FREE);
@@ -291,7 +302,7 @@ fn station_order_that_the_mission_rejects() {
     let mut orders = StationOrders::default();
     let header = given(1, 10.0);
     let kind = CommandKind::Station(Station::USUAL);
-    orders.give((command::USER_4, kind), STATION, header);
+    orders.give((MavCmd::MAV_CMD_USER_4, kind), STATION, header);
     let mission = MissionState {
         order: Some([header.boot, header.sequence]),
         rejected: Some(ReasonCode::StationNotNow.into()),
@@ -308,7 +319,7 @@ fn station_order_that_the_mission_rejects() {
 fn landing_ordered_of_a_drone_that_stands() {
     let mut orders = StationOrders::default();
     let header = given(1, 10.0);
-    let asked = orders.received(at(10.0), STATION, &new(command::USER_1), FREE);
+    let asked = orders.received(at(10.0), STATION, &new(MavCmd::MAV_CMD_USER_1), FREE);
     assert_eq!(asked, Order(CommandKind::Land));
     orders.give(LAND, STATION, header);
     let mission = MissionState {

@@ -7,12 +7,12 @@ use alight_computer::drone::autopilot::Speakers;
 use alight_computer::io::byte_link::ByteLink;
 use alight_computer::io::{mavlink_key, runtime};
 use alight_shared::admission::Periodic;
-use alight_shared::mavlink::Signatures;
+use alight_shared::mavlink::{self, MessageData as _, Signatures, dialect as m};
 use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::message::{
-    AUTOPILOT_COMPONENT, Address, COMPANION_TYPE, CUSTOM_MODE, CommandLong, Heartbeat, MavlinkMessage,
-    NO_AUTOPILOT, command, id,
+    AUTOPILOT_COMPONENT, Address, CommandLong, MavAutopilot, MavMessage as M, MavModeFlag, MavType,
+    MavlinkMessage, ParameterValue, heartbeat, text,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Parameters;
@@ -99,29 +99,34 @@ impl Inquiry<'_> {
 
     fn receive(&mut self, sender: Address, message: &MavlinkMessage, now: Time<DroneClock>) {
         let vehicle = self.computer.autopilot.vehicle;
+        let MavlinkMessage::Common(message) = message else {
+            return;
+        };
         match (message, &mut self.found) {
-            (MavlinkMessage::Heartbeat(h), None) if sender.component == AUTOPILOT_COMPONENT => {
+            (M::HEARTBEAT(h), None) if sender.component == AUTOPILOT_COMPONENT => {
                 let by_attitude = self.computer.drone.pilot.output == Output::Attitude;
-                self.found = Firmware::of(h.autopilot, h.vehicle)
+                self.found = Firmware::of(h.autopilot, h.mavtype)
                     .filter(|_| vehicle == 0 || vehicle == sender.system)
                     .map(|f| (sender, Parameters::new(f, by_attitude, now)));
             }
-            (MavlinkMessage::Heartbeat(h), Some((own, _)))
+            (M::HEARTBEAT(h), Some((own, _)))
                 if vehicle == 0
                     && sender.component == AUTOPILOT_COMPONENT
                     && sender.system != own.system
-                    && Firmware::of(h.autopilot, h.vehicle).is_some() =>
+                    && Firmware::of(h.autopilot, h.mavtype).is_some() =>
             {
                 self.report.several = Some([own.system, sender.system]);
             }
-            (MavlinkMessage::Parameter { name, value, .. }, Some((from, p))) if *from == sender => {
-                p.received(name, *value);
+            (M::PARAM_VALUE(d), Some((from, p))) if *from == sender => {
+                let value = ParameterValue::read(d.param_value, d.param_type);
+                p.received(&text(&d.param_id), value);
             }
-            (MavlinkMessage::Origin(origin), Some((from, _))) if *from == sender => {
-                self.report.origin = Some(*origin);
+            (M::GPS_GLOBAL_ORIGIN(d), Some((from, _))) if *from == sender => {
+                self.report.origin = Some(mavlink::place(d.latitude, d.longitude, d.altitude));
             }
-            (MavlinkMessage::GnssHeights { sea_m, ellipsoid_m }, Some((from, _))) if *from == sender => {
-                self.report.geoid_m = (*ellipsoid_m != 0.0).then_some(ellipsoid_m - sea_m);
+            (M::GPS_RAW_INT(d), Some((from, _))) if *from == sender => {
+                let geoid_m = (f64::from(d.alt_ellipsoid) - f64::from(d.alt)) * 1e-3;
+                self.report.geoid_m = (d.alt_ellipsoid != 0).then_some(geoid_m);
             }
             (_, _) => {}
         }
@@ -138,27 +143,22 @@ impl Inquiry<'_> {
 
     /// Messages that are due: heartbeat, parameter request, requests for origin and heights.
     fn messages(&mut self, now: Time<DroneClock>) -> Vec<MavlinkMessage> {
-        let own = MavlinkMessage::Heartbeat(Heartbeat {
-            autopilot: NO_AUTOPILOT,
-            vehicle: COMPANION_TYPE,
-            base_mode: CUSTOM_MODE,
-            custom_mode: 0,
-        });
+        let own = heartbeat(
+            MavAutopilot::MAV_AUTOPILOT_INVALID,
+            MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+            MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            0,
+        );
         let alive = self.heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
         let request = self.found.as_mut().and_then(|(to, p)| p.ask(now, *to));
+        let request = request.map(|request| M::PARAM_REQUEST_READ(request).into());
         let mut messages: Vec<MavlinkMessage> = alive.into_iter().chain(request).collect();
         if let Some((to, _)) = &self.found
             && self.report.origin.is_none()
             && self.origin_due.is_due_spaced(now, HEARTBEAT)
         {
-            let ids = [id::GPS_RAW_INT, id::GPS_GLOBAL_ORIGIN];
-            messages.extend(ids.map(|message| {
-                MavlinkMessage::Command(CommandLong::new(
-                    *to,
-                    command::REQUEST_MESSAGE,
-                    [f64::from(message)],
-                ))
-            }));
+            let ids = [m::GPS_RAW_INT_DATA::ID, m::GPS_GLOBAL_ORIGIN_DATA::ID];
+            messages.extend(ids.map(|id| CommandLong::request(*to, id).into()));
         }
         messages
     }

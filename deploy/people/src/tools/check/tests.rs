@@ -24,7 +24,7 @@ use alight_sim::autopilots::simulated::SimulatedAutopilot;
 use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
 use alight_sim::physics::streams::Streams;
 use alight_transport::radio::TlsConfig;
-use alight_uav::autopilot::message::{CommandLong, command};
+use alight_uav::autopilot::message::{CommandLong, MavCmd};
 use alight_uav::camera::metering::Setting;
 use alight_usv::sensors::SourceConfig;
 
@@ -544,7 +544,9 @@ fn autopilot_check_over_the_link() {
     );
 
     let (found, _, commands) = found_of_autopilot(&computer, None);
-    let requests_only = commands.iter().all(|c| c.command == command::REQUEST_MESSAGE);
+    let requests_only = commands
+        .iter()
+        .all(|c| c.command == MavCmd::MAV_CMD_REQUEST_MESSAGE);
     assert!(requests_only, "commanded {commands:?}");
     let found = found.unwrap();
     let origin = Datum::new(43.5, 16.3, 12.0);
