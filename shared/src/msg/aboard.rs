@@ -69,7 +69,8 @@ pub enum Closure {
     CheckpointUnwritable,
 }
 
-/// The owner has been silent for longer than a landing takes, while a drone with a low battery waits.
+/// The owner stands on the deck, or has been silent for longer than a landing takes, while a drone with a low battery
+/// waits.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
 pub struct Starved {
@@ -85,11 +86,15 @@ pub struct Starved {
 
 impl fmt::Display for Starved {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "drone {} has the deck and ", self.owner)?;
+        if self.silent_s <= crate::topics::DRONE_STATUS.stale_after.secs() {
+            f.write_str("stands on it")?;
+        } else {
+            write!(f, "has been silent for {:.0} s", self.silent_s)?;
+        }
         write!(
             f,
-            "drone {} has the deck and has been silent for {:.0} s, and drone {} waits for it with a battery of {:.0} %",
-            self.owner,
-            self.silent_s,
+            ", and drone {} waits for it with a battery of {:.0} %",
             self.waiting,
             100.0 * self.battery
         )

@@ -165,6 +165,8 @@ pub enum OwnMission {
     Flies,
     /// Mission completed, and no other mode chosen since.
     Done,
+    /// Return or landing that Alight has commanded on low battery, and no other mode chosen since.
+    SentAway,
 }
 
 /// State of the autopilot.
@@ -190,6 +192,8 @@ pub struct AutopilotState {
     pub battery_v: Option<f64>,
     /// Current of the battery, A; None: not reported.
     pub battery_a: Option<f64>,
+    /// Charge drawn since the autopilot's start, Ah; None: not reported.
+    pub battery_used_ah: Option<f64>,
     /// Collective thrust applied now, 0 to 1 of the maximum; None: not reported recently.
     pub thrust: Option<f64>,
     /// Collective thrust at hover as estimated by the autopilot, 0 to 1.
@@ -487,6 +491,7 @@ message!(AutopilotState, DroneClock, |m| {
     m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     m.battery_v.is_none_or(|v| (0.0..=1e3).contains(&v)) => "battery_v",
     m.battery_a.is_none_or(|a| a.abs() <= 1e4) => "battery_a",
+    m.battery_used_ah.is_none_or(|q| (0.0..=1e6).contains(&q)) => "battery_used_ah",
     m.shadow.is_none_or(|s| {
         within(&s.tilt, MAX_ANGLE_RAD)
             && FRACTION.contains(&s.thrust)

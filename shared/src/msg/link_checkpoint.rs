@@ -56,7 +56,7 @@ pub struct LinkCheckpoint {
     pub hover_learned_s: f64,
     /// Reasons for which this process ended the autopilot's mission in this flight: battery, completion,
     /// order. The same reason does not end it again if a pilot selects it.
-    pub ended_missions: [bool; 3],
+    pub ended_missions: [bool; 4],
     /// Times of the signed frames.
     pub signing: SigningTimes,
     /// The autopilot has flown its own mission in this flight, and no other mode was chosen since.

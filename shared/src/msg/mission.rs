@@ -27,6 +27,16 @@ pub enum BatteryPlace {
     Here,
 }
 
+/// Place for which a drone with a low battery leaves, and the charge at which it leaves.
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct LastResort {
+    /// Home or here.
+    pub place: BatteryPlace,
+    /// Charge, 0 to 1.
+    pub charge: f64,
+}
+
 /// Extent to which a landing is flown, in steps towards a first landing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
@@ -150,6 +160,8 @@ pub struct MissionState {
     pub meets: [f64; 2],
     /// Landing place, once the battery is below the reserve.
     pub low_battery: Option<BatteryPlace>,
+    /// Place for which the drone leaves if the deck stays missing; None without one.
+    pub last_resort: Option<LastResort>,
     /// On a sortie from the deck: time until the drone must turn back to the vessel, s; None: no sortie, or unknown.
     pub turns_in_s: Option<f64>,
     /// Sorties begun since the process started, and their planned number; the latter is 0 outside unattended cycles.
@@ -523,6 +535,7 @@ message!(MissionState, DroneClock, |m| {
     m.likelihood.is_none_or(|p| FRACTION.contains(&p)) => "likelihood",
     m.harm.is_none_or(|p| FRACTION.contains(&p)) => "harm",
     m.turns_in_s.is_none_or(|s| s >= 0.0) => "turns_in_s",
+    m.last_resort.is_none_or(|l| l.charge >= 0.0) => "last_resort",
     within(&m.meets, 10.0) => "meets",
     (0.0..=1e3).contains(&m.height_m) && (0.0..=10.0).contains(&m.descent_mps) => "height_m or descent_mps",
 });

@@ -82,7 +82,7 @@ pub use grant::{
 pub use half::f16;
 pub use link_checkpoint::{LinkCheckpoint, WindCheckpoint};
 pub use mission::{
-    BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastVessel, MissionCheckpoint,
+    BatteryPlace, Charge, DroneStatus, KnownBattery, LandingMode, LastResort, LastVessel, MissionCheckpoint,
     MissionSettings, MissionState, SettingsOrder, VesselLevel, Wind, still_armed,
 };
 pub use reason::{Reason, ReasonCode, TwoDigits, WaitingTimes};
@@ -104,7 +104,7 @@ use serde::{Deserialize, Serialize};
 use crate::time::{Clock, Time};
 
 /// Version of all message layouts; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 32;
+pub const MESSAGE_VERSION: u16 = 33;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -213,8 +213,11 @@ impl AutopilotLink {
         }
         let Some(peer) = &mut self.peer else { return };
         let (departure, d) = (&mut self.commands.departure, &self.disarm);
-        if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM && result == MavResult::MAV_RESULT_ACCEPTED {
-            departure.accepted(now);
+        if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
+            && result == MavResult::MAV_RESULT_ACCEPTED
+            && departure.accepted(now)
+        {
+            peer.arming_accepted(now);
         }
         if command == MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL {
             peer.streams.answered(now, result);

@@ -356,12 +356,13 @@ impl AutopilotLink {
             battery: p.charge(now),
             battery_v: p.voltage_v(now),
             battery_a: p.current_a(now),
+            battery_used_ah: p.used_ah(now),
             thrust: self.applied_thrust(now),
             hover_thrust: if learned { hover.value() } else { 0.0 },
             rejection: self.rejection(now, p),
             warning: p.parameters.warning(),
             shadow: self.inputs.shadow(now, self.estimate.fresh(now)),
-            own_mission: self.own_mission.monitor.now(),
+            own_mission: self.flies_alone(),
             home: p.home,
         })
     }
@@ -400,7 +401,15 @@ impl AutopilotLink {
     /// Fields whose changes are published at once.
     fn mode(&self, now: DroneTime) -> Option<(AutopilotMode, bool, LandedState, OwnMission)> {
         let peer = self.peer.as_ref();
-        peer.map(|p| (p.mode, p.armed, p.landed(now), self.own_mission.monitor.now()))
+        peer.map(|p| (p.mode, p.armed, p.landed(now), self.flies_alone()))
+    }
+    /// What the autopilot flies without our set-points.
+    fn flies_alone(&self) -> OwnMission {
+        if self.commands.is_sent_away() {
+            OwnMission::SentAway
+        } else {
+            self.own_mission.monitor.now()
+        }
     }
 }
 
@@ -438,15 +447,17 @@ impl Node for AutopilotLink {
         if evidence.mode != AutopilotMode::Offboard {
             self.commands.diversions = 0;
         }
+        self.commands.follow_mode(now, evidence.armed, evidence.mode);
         if self.inputs.may_command() {
             self.divert(now, &mut out);
             self.send_set_point(now, new, &mut out);
             self.arm(now, &mut out);
             self.take_off(now, &mut out);
+            let own = self.flies_alone();
             if let Some(peer) = &self.peer {
                 let peer = (peer, self.authority.control_authority());
                 let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.commands.pause);
-                self.own_mission.command(now, peer, mission, pause, &mut out);
+                self.own_mission.command(now, peer, own, mission, pause, &mut out);
             }
             self.send_home(now, &mut out);
         }

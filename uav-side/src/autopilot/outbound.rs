@@ -19,7 +19,9 @@ use super::modes::Firmware;
 use super::set_point_loss::SetPointLossMonitor;
 use super::take_off::TakeOffSequence;
 use super::thrust::{self, SentThrust};
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED};
+use super::{
+    AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, UNDECIDED,
+};
 use crate::tracking::steer;
 
 /// Repetition period of a set-point, s: 50 Hz.
@@ -35,6 +37,8 @@ const NEAR_M: f64 = 0.6;
 /// Height error between two GNSS receivers, m.
 const RECEIVERS_ERR_M: f64 = 3.0;
 const COMMAND_PAUSE: Span = Span::from_millis(1000);
+/// Time after which a silent mission is not restarted any more, s.
+const RESTARTS_S: f64 = 20.0;
 /// Maximum time until a mission responds to a low charge, s: the upper bound of `battery_lasts_s`.
 const COUNTED_S: f64 = 60.0;
 /// Distance from the deck's centre at which the drone is off the deck, m: exceeds receiver errors and long
@@ -62,14 +66,40 @@ pub(super) struct SetPointStream {
     pub(super) loss: SetPointLossMonitor,
 }
 
+/// Mode into which a diversion has sent the drone.
+#[derive(Clone, Copy, Debug)]
+struct SentAway {
+    at: DroneTime,
+    mode: AutopilotMode,
+    /// Whether the autopilot has reported the mode since.
+    reached: bool,
+}
+
 #[derive(Clone, Debug, Default)]
 pub(super) struct LinkCommands {
     pub(super) pause: Periodic<DroneClock>,
     low_since: Option<DroneTime>,
     pub(super) diversions: u32,
     arm_tries: u32,
+    sent_away: Option<SentAway>,
     pub(super) home: Option<(DroneTime, Datum)>,
     pub(super) departure: TakeOffSequence,
+}
+
+impl LinkCommands {
+    /// Follows the mode after a diversion. Any change of it, and a late one to it, is a person's choice.
+    pub(super) fn follow_mode(&mut self, now: DroneTime, armed: bool, mode: AutopilotMode) {
+        let Some(sent) = &mut self.sent_away else { return };
+        let waits = !sent.reached && mode == AutopilotMode::Offboard && now - sent.at <= UNDECIDED;
+        sent.reached |= mode == sent.mode;
+        if !armed || !(waits || mode == sent.mode) {
+            self.sent_away = None;
+        }
+    }
+    /// Whether the drone flies in the mode into which a diversion has sent it.
+    pub(super) fn is_sent_away(&self) -> bool {
+        self.sent_away.is_some_and(|sent| sent.reached)
+    }
 }
 
 impl AutopilotLink {
@@ -406,14 +436,27 @@ impl AutopilotLink {
         // Completing a descent in progress is the fastest way down, and a landed drone cannot be diverted.
         let lands = mission.is_some_and(|m| m.state.meets_deck());
         let lands = lands || chosen == Some(BatteryPlace::Deck);
-        let (to, limit, for_s) = match chosen {
-            Some(BatteryPlace::Home) => (Diversion::Return, f64::INFINITY, 0.0),
-            Some(BatteryPlace::Here) => (Diversion::Land, f64::INFINITY, 0.0),
-            Some(BatteryPlace::Deck) | None => (b.diversion, b.reserve, b.for_s),
+        let diversion = |place: BatteryPlace| match place {
+            BatteryPlace::Here => Diversion::Land,
+            BatteryPlace::Home | BatteryPlace::Deck => Diversion::Return,
         };
-        // The mission chooses a landing place once it has confirmed the low charge. The final reserve must
-        // not act before that.
-        let counts = mission.and_then(|m| m.battery).is_none_or(|b| b < limit);
+        // A mission that is restarted lands the drone, so the last resort of a silent one waits for that.
+        let silent = self.inputs.last_mission(now).is_none() && b.diversion != Diversion::None;
+        let resort = self.inputs.mission.get().and_then(|m| m.last_resort);
+        let resort = if silent { resort } else { None };
+        let restarts = resort.is_some() && self.inputs.mission.age_s(now) < RESTARTS_S;
+        let (to, limit, for_s) = match (chosen, resort) {
+            (Some(place @ (BatteryPlace::Home | BatteryPlace::Here)), _) => {
+                (diversion(place), f64::INFINITY, 0.0)
+            }
+            (Some(BatteryPlace::Deck) | None, Some(resort)) => {
+                (diversion(resort.place), resort.charge, b.for_s)
+            }
+            (Some(BatteryPlace::Deck) | None, None) => (b.diversion, b.reserve, b.for_s),
+        };
+        // The mission chooses a landing place once it has confirmed the low charge, a restarted one some seconds after its
+        // start. The final reserve must not act before that.
+        let counts = limit.is_infinite() || mission.is_none_or(|m| m.battery.is_some_and(|b| b < limit));
         let due_s = if counts { for_s } else { for_s.max(COUNTED_S) };
         // The mission may have chosen a landing place because of the voltage alone.
         let reported = peer.charge(now);
@@ -427,6 +470,7 @@ impl AutopilotLink {
             matches!(authority, ControlAuthority::Diverted(_)) && peer.mode == AutopilotMode::Offboard;
         if !(authority.commands() && !lands || repeated)
             || low_s < due_s
+            || restarts
             || !self.commands.pause.is_ready(now)
             || self.commands.diversions >= b.tries
         {
@@ -445,6 +489,15 @@ impl AutopilotLink {
         self.commands.diversions += 1;
         self.commands.pause.restart(now, COMMAND_PAUSE);
         self.authority.divert(now, to);
+        let mode = match to {
+            Diversion::Land => AutopilotMode::Land,
+            Diversion::None | Diversion::Return => AutopilotMode::Return,
+        };
+        self.commands.sent_away = Some(SentAway {
+            at: now,
+            mode,
+            reached: false,
+        });
     }
 
     /// Whether the drone stands away from the deck, according to forecast and odometry. An order to land does

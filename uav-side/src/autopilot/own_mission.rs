@@ -8,7 +8,8 @@
 //! first.
 //!
 //! When a sortie must end (low battery, mission complete or an order), Alight takes over with the mode
-//! command that a take-off uses, but never from a pilot. It does so once per flight for each reason. A
+//! command that a take-off uses, but never from a pilot. It does so once per flight for each reason, and takes back a
+//! drone that it has sent away on low battery once the deck is free. A
 //! mission that is selected again afterwards continues until the drone is disarmed.
 //!
 //! In unattended cycles `MAV_CMD_MISSION_START` starts the sortie's mission from its beginning.
@@ -30,6 +31,9 @@ use super::{AutopilotOut, ControlAuthority, DroneTime};
 const ASK: Span = Span::from_millis(1000);
 const PAUSE: Span = Span::from_millis(1000);
 const TRIES: u32 = 3;
+
+/// End of a return or landing that Alight has commanded.
+const TAKEN_BACK: usize = 3;
 
 /// `total` of an empty mission.
 const NO_ITEMS: u16 = u16::MAX;
@@ -109,8 +113,8 @@ impl OwnMissionMonitor {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OwnMissionSequence {
     pub(super) monitor: OwnMissionMonitor,
-    /// Ends of the mission in this flight: on battery, on completion, on an order.
-    pub(super) ends: [MissionEnd; 3],
+    /// Ends of the mission in this flight: on battery, on completion, on an order; and [`TAKEN_BACK`].
+    pub(super) ends: [MissionEnd; 4],
     starts: u32,
     timer: Periodic<DroneClock>,
 }
@@ -139,13 +143,14 @@ impl OwnMissionSequence {
         &mut self,
         now: DroneTime,
         (peer, authority): (&MavlinkPeer, ControlAuthority),
+        own: OwnMission,
         mission: Option<&MissionState>,
         pause: &mut Periodic<DroneClock>,
         out: &mut AutopilotOut,
     ) {
         let code = |state: State| mission.filter(|m| m.state == state).map(|m| m.waiting.code);
         let ready = pause.is_ready(now);
-        let ends = self.ends(peer, code(State::Idle), ready && authority.may_offer());
+        let ends = self.ends(peer, own, code(State::Idle), ready && authority.may_offer());
         let starts = self.starts(code(State::Hold), ready && authority.commands());
         let (command, severity, text) = if starts {
             let text = "hands over to the autopilot's own mission";
@@ -162,10 +167,20 @@ impl OwnMissionSequence {
         pause.restart(now, PAUSE);
     }
     /// Decides whether to end the autopilot's mission, and returns the reason as a text.
-    fn ends(&mut self, peer: &MavlinkPeer, idle: Option<ReasonCode>, may: bool) -> Option<&'static str> {
+    fn ends(
+        &mut self,
+        peer: &MavlinkPeer,
+        own: OwnMission,
+        idle: Option<ReasonCode>,
+        may: bool,
+    ) -> Option<&'static str> {
         let (which, text) = match idle {
             Some(ReasonCode::TurnsBack) => (0, "ends the autopilot's mission: turns back to the vessel"),
             Some(ReasonCode::OrderedBack) => (2, "ends the autopilot's mission: ordered back"),
+            Some(ReasonCode::BatteryDeck) => (
+                TAKEN_BACK,
+                "the deck is free: takes the drone back that it has sent away",
+            ),
             Some(ReasonCode::MissionDone) => (1, "the autopilot's mission is done: returns to the vessel"),
             Some(_) | None => (usize::MAX, ""),
         };
@@ -177,7 +192,8 @@ impl OwnMissionSequence {
         for end in &mut self.ends {
             end.done |= end.sent > 0 && ours;
         }
-        let may = may && self.monitor.now() != OwnMission::None;
+        let sent_away = own == OwnMission::SentAway;
+        let may = may && own != OwnMission::None && sent_away == (which == TAKEN_BACK);
         let end = self.ends.get_mut(which).filter(|end| may && !end.is_over())?;
         end.sent += 1;
         Some(text)

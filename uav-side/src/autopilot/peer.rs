@@ -16,12 +16,24 @@ use super::streams::MessageStreams;
 const THRUST_STALE: Span = Span::from_millis(300);
 /// Maximum reported thrust of rotors at rest.
 const NO_THRUST: f64 = 0.01;
+/// Time after an accepted arming in which a heartbeat may still report the state before it.
+const ARMED_WITHIN: Span = Span::from_millis(200);
 /// Validity of a battery status: five reports at the usual 1 Hz.
 const BATTERY_STALE: Span = Span::from_millis(5000);
 /// Validity of a landed state: three reports at the slowest rate, 1 Hz.
 const LANDED_STALE: Span = Span::from_millis(3000);
 const MAX_V: f64 = 500.0;
 const MAX_BATTERIES: usize = 4;
+
+/// `BATTERY_STATUS`; None: not reported.
+#[derive(Clone, Copy, Debug)]
+struct BatteryReport {
+    /// 0 to 1.
+    charge: Option<f64>,
+    voltage_v: Option<f64>,
+    current_a: Option<f64>,
+    used_ah: Option<f64>,
+}
 
 #[derive(Clone, Debug)]
 pub(crate) struct MavlinkPeer {
@@ -31,10 +43,10 @@ pub(crate) struct MavlinkPeer {
     pub(crate) flies_mission: bool,
     pub(crate) armed: bool,
     pub(crate) heartbeat_at: DroneTime,
+    arming_accepted: Option<DroneTime>,
     landed: Option<(DroneTime, LandedState)>,
     pub(crate) streams: MessageStreams,
-    /// Charge (0 to 1), voltage (V) and current (A) of each battery.
-    batteries: [Option<(DroneTime, [Option<f64>; 3])>; MAX_BATTERIES],
+    batteries: [Option<(DroneTime, BatteryReport)>; MAX_BATTERIES],
     /// Whether the silence of a battery gauge has been reported.
     battery_lost: bool,
     thrust: Option<(DroneTime, f64)>,
@@ -58,6 +70,7 @@ impl MavlinkPeer {
             flies_mission: false,
             armed: false,
             heartbeat_at: now,
+            arming_accepted: None,
             landed: None,
             streams: MessageStreams::new(firmware, c, now),
             batteries: [None; MAX_BATTERIES],
@@ -70,8 +83,13 @@ impl MavlinkPeer {
     }
     pub(crate) fn heartbeat(&mut self, now: DroneTime, base_mode: MavModeFlag, custom_mode: u32) {
         self.heartbeat_at = now;
-        self.armed = base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+        let just_armed = self.arming_accepted.is_some_and(|at| now - at <= ARMED_WITHIN);
+        self.armed = base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED) || just_armed;
         self.on_mode(custom_mode);
+    }
+    /// The autopilot has accepted our arming command; its next heartbeat may be a second away.
+    pub(crate) fn arming_accepted(&mut self, now: DroneTime) {
+        (self.armed, self.arming_accepted) = (true, Some(now));
     }
     pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
@@ -105,13 +123,20 @@ impl MavlinkPeer {
         let voltage_v = cells_mv.map(|mv| f64::from(*mv)).sum::<f64>() * 1e-3;
         let is_measured = voltage_v > 0.0 && voltage_v <= MAX_V;
         let current_a = (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01);
-        *battery = Some((now, [charge, is_measured.then_some(voltage_v), current_a]));
+        let used_ah = (d.current_consumed >= 0).then(|| f64::from(d.current_consumed) * 1e-3);
+        let report = BatteryReport {
+            charge,
+            voltage_v: is_measured.then_some(voltage_v),
+            current_a,
+            used_ah,
+        };
+        *battery = Some((now, report));
     }
     /// Combines one value over all batteries; None if none reports it or one has fallen silent.
     fn batteries(
         &self,
         now: DroneTime,
-        of: impl Fn(&[Option<f64>; 3]) -> Option<f64>,
+        of: impl Fn(&BatteryReport) -> Option<f64>,
         both: impl Fn(f64, f64) -> f64,
     ) -> Option<f64> {
         let known = || {
@@ -125,22 +150,26 @@ impl MavlinkPeer {
     }
     /// Charge of the emptiest battery, 0 to 1; None if not reported or if a battery has fallen silent.
     pub(crate) fn charge(&self, now: DroneTime) -> Option<f64> {
-        self.batteries(now, |[charge, ..]| *charge, f64::min)
+        self.batteries(now, |b| b.charge, f64::min)
     }
     /// Lowest voltage of all batteries.
     pub(crate) fn voltage_v(&self, now: DroneTime) -> Option<f64> {
-        self.batteries(now, |[_, voltage_v, _]| *voltage_v, f64::min)
+        self.batteries(now, |b| b.voltage_v, f64::min)
     }
     /// Total current of all batteries.
     pub(crate) fn current_a(&self, now: DroneTime) -> Option<f64> {
-        self.batteries(now, |[.., current_a]| *current_a, |a, b| a + b)
+        self.batteries(now, |b| b.current_a, |a, b| a + b)
+    }
+    /// Total charge drawn since the autopilot's start, Ah.
+    pub(crate) fn used_ah(&self, now: DroneTime) -> Option<f64> {
+        self.batteries(now, |b| b.used_ah, |a, b| a + b)
     }
     pub(crate) fn battery_news(&mut self, now: DroneTime) -> Option<String> {
         let lost = self
             .batteries
             .iter()
             .flatten()
-            .any(|(at, [charge, ..])| charge.is_some() && now - *at > BATTERY_STALE);
+            .any(|(at, b)| b.charge.is_some() && now - *at > BATTERY_STALE);
         let news = lost != self.battery_lost;
         self.battery_lost = lost;
         news.then(|| match lost {

@@ -108,7 +108,7 @@ impl MissionNode {
             several: (self.forecast.fresh(now, topics::FORECAST.stale_after)).and_then(several),
             battery: autopilot.and_then(|_| self.battery.charge(c)),
             battery_reserve: self.battery_reserve(deck.as_ref()),
-            charges: self.charges(heights.water_z.unwrap_or(0.0)),
+            charges: self.charges(heights.water_z.unwrap_or(0.0), deck.as_ref()),
             own,
             odometry_age_s: self.drone.age_s(now),
             odometry_limit_s: topics::DRONE_STATE.stale_after.secs(),
@@ -171,15 +171,24 @@ impl MissionNode {
     }
 
     /// Charge needed from here for each landing place, over water at `water_z` (NED, m).
-    fn charges(&self, water_z: f64) -> Charges {
+    fn charges(&self, water_z: f64, deck: Option<&Deck>) -> Charges {
         let (c, drone) = (&self.config, self.drone.get());
         let home = (drone.zip(self.autopilot.get().and_then(|a| a.home))).map(|(d, home)| {
             let there: Vector<DroneNed> = d.datum.to(&home);
             (there.0 + d.datum_offset() - d.position()).xy()
         });
+        let deck = deck.map(|d| d.distance_m * Vector2::new(d.bearing_rad.cos(), d.bearing_rad.sin()));
         let wind = (drone.and_then(|d| d.wind)).map_or(Vector2::zeros(), Vector2::from);
         let up_m = drone.map_or(0.0, |d| water_z - d.position().z);
-        Charges::of(self.battery.usual_power(c), home, wind, up_m, c)
+        let power = self.battery.known_power(c);
+        let known = power.is_some();
+        let power = power.unwrap_or_else(|| self.battery.usual_power(c));
+        let charges = Charges::of(power, home, deck, wind, up_m, c);
+        Charges {
+            home_is_sea: charges.home_is_sea || self.progress.sortie || self.heights.stood_on_deck(),
+            known,
+            ..charges
+        }
     }
 
     /// Age of the newest feasible plan, s.

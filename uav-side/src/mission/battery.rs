@@ -43,6 +43,8 @@ const FOUND_IN_AIR: f64 = 0.5;
 const ABOVE: f64 = 0.03;
 /// Rise above a minimum that shows it to be wrong, if the discharge over the flight leaves that much charge.
 const WRONG: f64 = 0.1;
+/// Time after which a gauge that has not fallen by [`FALL`] shows a lower power than assumed, s.
+const WATCHED_S: f64 = 3.0 * FALL * ASSUMED_S;
 /// Lower bound of the closing speed, m/s, which keeps the cost finite.
 const MIN_MPS: f64 = 0.5;
 
@@ -66,6 +68,8 @@ pub(super) struct BatteryMonitor {
     by_gauge: Option<f64>,
     /// Low-passed current, A.
     current_a: Option<f64>,
+    /// Charge drawn since the autopilot's start, Ah.
+    used_ah: Option<f64>,
     /// Low-passed closing speed to the deck, m/s.
     closing_mps: Option<f64>,
 }
@@ -107,6 +111,7 @@ impl BatteryMonitor {
         let dt = since.secs().clamp(0.0, 1.0);
         let filtered = |amps: f64| low_pass(self.current_a, amps, dt, CURRENT_TIME_S);
         self.current_a = a.battery_a.map(filtered).or(self.current_a).filter(|_| a.armed);
+        self.used_ah = a.battery_used_ah.filter(|_| a.armed);
         let empty = a.battery_v.is_some_and(|v| v < c.battery_minimum_v);
         self.read(now, if empty { Some(0.0) } else { a.battery }, c);
         if !a.armed || a.landed == LandedState::OnGround {
@@ -177,13 +182,15 @@ impl BatteryMonitor {
         if fall <= 0.0 || self.at_step && fall < FALL {
             return;
         }
-        if self.at_step && lasted > 0.0 && (fall < JUMP || fall * MIN_FLIGHT_S < lasted) {
+        let discharge = fall < JUMP || fall * MIN_FLIGHT_S < lasted;
+        if self.at_step && lasted > 0.0 && discharge {
             let measured = fall / lasted;
             // Limits the fall of the power when a stuck gauge moves.
             let next = |p: f64| p + NEW * (measured.max(SLOWER * p) - p);
             self.by_gauge = Some(self.by_gauge.map_or(measured, next));
         }
-        (self.anchor, self.at_step) = (Some((now, charge)), true);
+        // A jump does not end at a step.
+        (self.anchor, self.at_step) = (Some((now, charge)), discharge);
     }
 
     /// Charge for decisions, 0 to 1, the smallest of three values: the maximum of the readings over `battery_lasts_s`,
@@ -229,6 +236,32 @@ impl BatteryMonitor {
             measured if measured > 0.0 => measured,
             _ => per_s(ASSUMED_S),
         }
+    }
+    /// Measured power, 1/s. Until it is measured, a gauge that has fallen by less than two steps has on average lost half a
+    /// step more, and a battery with the charge `b` that has lost `q` lasts at least `q b / (1 - b) / i` at the current
+    /// `i`. None until gauge or current give one.
+    pub(super) fn known_power(&self, c: &MissionConfig) -> Option<f64> {
+        let measured = self.power(c);
+        if measured > 0.0 {
+            return Some(measured);
+        }
+        let assumed = per_s(ASSUMED_S);
+        let (Some(now), Some((at, before)), Some(charge)) = (self.last, self.anchor, self.lasting) else {
+            return Some(assumed);
+        };
+        let drawn = self
+            .current_a
+            .zip(self.used_ah)
+            .filter(|(i, q)| *i > 0.0 && *q > 0.0);
+        let by_current = drawn.map(|(i, q)| i * (1.0 - charge) / (3600.0 * q));
+        if let Some(bound) = by_current.filter(|bound| *bound < assumed) {
+            return Some(bound);
+        }
+        let watched_s = (now - at).secs();
+        if watched_s < WATCHED_S {
+            return None;
+        }
+        Some(assumed.min((before - charge + 0.25 * FALL) / watched_s))
     }
     /// Charge of a drone away from its vessel, and the charge that it needs; None if the charge is unknown.
     pub(super) fn energy(&self, c: &MissionConfig) -> Option<Energy> {
@@ -325,6 +358,36 @@ mod tests {
             run(&mut m, &c, 0.0, 10.0, |t| ground(t, Some(0.57)));
             run(&mut m, &c, 10.0, 600.0, |t| ground(t, None));
             assert_eq!(m.charge(&c), Some(0.57));
+        }
+    }
+
+    /// The charge jumps to 18 %. The power is known from the second step of the gauge on, some time after the first one,
+    /// or at once from the charge that the autopilot has counted.
+    #[test]
+    fn power_of_a_battery_that_is_new_to_the_mission() {
+        let c = config();
+        for (endurance_s, used_ah, known_s) in [
+            (300.0, None, 13.0),
+            (1500.0, None, 32.0),
+            (1500.0, Some(4.1), 6.0),
+            (1500.0, Some(0.1), 32.0),
+        ] {
+            let mut m = BatteryMonitor::default();
+            run(&mut m, &c, 0.0, 5.0, |t| state(t, Some(0.9)));
+            let mut t = 5.0;
+            while t < 11.0 || m.known_power(&c).is_none() {
+                t += 0.1;
+                let left = 0.18 - (t - 5.0) / endurance_s;
+                let reading = AutopilotState {
+                    battery_a: Some(12.0),
+                    battery_used_ah: used_ah,
+                    ..state(t, Some((100.0 * left).round() / 100.0))
+                };
+                m.update(&reading, &c);
+            }
+            let share = m.known_power(&c).unwrap() * endurance_s;
+            assert!((0.5..1.5).contains(&share), "{endurance_s}: {share}");
+            assert!(t - 5.0 < known_s + 0.2, "{endurance_s}: after {t} s");
         }
     }
 

@@ -1,16 +1,22 @@
 //! Charge below the reserve: choice of landing place, and point of no return of each place.
 //!
-//! A landing place needs the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T` in the wind,
-//! the landing time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays with the first
-//! place of `battery_order` until its charge `b` falls to the `n` of the next place, the last moment at which it can
-//! reach that. Until then it waits for a deck that is closed, reserved by another drone or unknown. It gives the deck
-//! up only after [`MISSING_S`] without it, and only for a place within reach.
+//! | place | costs | the drone leaves for it |
+//! |---|---|---|
+//! | deck | nothing | at once |
+//! | home | unknown | with the last charge that reaches it, after [`MISSING_S`] without the deck |
+//! | sea: here, and a home on which the vessel stood or stands | the drone | with the last charge for a descent |
+//!
+//! A place needs the charge `n = (1 + m) P (T + t) + g` with the power `P`, the flight time `T` in the wind, the landing
+//! time `t`, the relative error `m` of all three, and the gauge's step `g`. The drone stays with the first place of
+//! `battery_order` until its charge `b` falls to the `n` of the next place. Until then it waits for a deck that is
+//! closed, reserved by another drone or unknown, and for as long as `P` is unknown. A drone that has been sent away for
+//! want of the deck is taken back once the deck is free and in reach ([`taken_back`]).
 
-use alight_shared::msg::{BatteryPlace, LandingMode, Phase, Reason, ReasonCode};
+use alight_shared::msg::{BatteryPlace, LandingMode, LastResort, OwnMission, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
 
 use super::limits::{FOR_OPERATOR, HYSTERESIS, RESUME_DISTANCE_M};
-use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding};
+use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding, old_data};
 use super::reservation::Reservation;
 use super::situation::{Charges, ControlState, Deck, Situation};
 use super::sortie::ReturnLeg;
@@ -27,6 +33,9 @@ const LAND_MPS: f64 = 0.7;
 const RETURN_MPS: f64 = 5.0;
 /// Duration of the shortest attempt, from above the deck onto it, s.
 const LAST_ATTEMPT_S: f64 = 30.0;
+/// Distance between home and the deck within which home is the vessel, m: two GNSS errors and the way after which
+/// `send_home` follows her.
+const AT_VESSEL_M: f64 = 10.0;
 /// Fraction of the reserve kept for a home at an unknown position.
 const UNKNOWN_HOME: f64 = 0.5;
 
@@ -34,16 +43,17 @@ const UNKNOWN_HOME: f64 = 0.5;
 const MISSING_S: f64 = 20.0;
 
 impl Charges {
-    /// `power`: 1/s; `home`: offset from the drone, m, None if not reported; `up_m`: height above the water.
+    /// `power`: 1/s; `home` and `deck`: offsets from the drone, m, None if unknown; `up_m`: height above the water.
     pub(super) fn of(
         power: f64,
         home: Option<Vector2<f64>>,
+        deck: Option<Vector2<f64>>,
         wind: Vector2<f64>,
         up_m: f64,
         c: &MissionConfig,
     ) -> Charges {
         let land_s = up_m.max(0.0) / LAND_MPS + ENDS_S;
-        let needs = |way_s: f64| (1.0 + MARGIN) * power * (way_s + land_s) + STEP;
+        let needs = |time_s: f64| (1.0 + MARGIN) * power * time_s + STEP;
         let way_s = |offset| {
             let way = ReturnLeg {
                 offset,
@@ -53,10 +63,16 @@ impl Charges {
             };
             way.time_s(0.0)
         };
+        let beneath = |home: Vector2<f64>| deck.is_some_and(|deck| (home - deck).norm() < AT_VESSEL_M);
         Charges {
-            home: home.map_or(UNKNOWN_HOME * c.battery_reserve, |offset| needs(way_s(offset))),
-            here: needs(0.0),
+            home: home.map_or(UNKNOWN_HOME * c.battery_reserve, |offset| {
+                needs(way_s(offset) + land_s)
+            }),
+            home_is_sea: home.is_some_and(beneath),
+            here: needs(land_s),
+            deck: needs(deck.map_or(0.0, way_s) + LAST_ATTEMPT_S),
             attempt: power * LAST_ATTEMPT_S,
+            known: true,
         }
     }
     /// Charge at which the drone must leave for `place`.
@@ -67,15 +83,19 @@ impl Charges {
             BatteryPlace::Here => self.here,
         }
     }
-    /// Whether the charge `b` is enough to reach `place`, without a margin; landing in place is always possible.
+    /// Whether the charge `b` is enough to reach `place`, without a margin; landing in place is always possible. A home
+    /// in the sea costs the drone as here does, and needs more charge.
     fn reaches(&self, place: BatteryPlace, b: f64) -> bool {
         match place {
             BatteryPlace::Deck | BatteryPlace::Here => true,
-            BatteryPlace::Home => b >= without_margin(self.home),
+            BatteryPlace::Home => b >= without_margin(self.home) && !self.home_is_sea,
         }
     }
     /// Whether a drone with the charge `b` leaves for `place` when the deck has been missing for `missing_s`.
     fn leaves_for(&self, place: BatteryPlace, b: f64, missing_s: f64) -> bool {
+        if !self.known {
+            return false;
+        }
         let last = self.last_moment(place);
         let margin_used = place == BatteryPlace::Here && b <= without_margin(last);
         b <= last && missing_s >= MISSING_S || margin_used
@@ -139,6 +159,29 @@ fn place(
         Some(next) => Some((next, s.charges.last_moment(next))),
         None => Some((preferred, leaves_at)),
     }
+}
+
+/// Place for which the drone leaves if the deck stays missing.
+pub(super) fn last_resort(s: &Situation, c: &MissionConfig) -> Option<LastResort> {
+    let place = remaining(s.battery?, DeckAccess::Declined, false, s, c).next()?;
+    let charge = if s.charges.known {
+        s.charges.last_moment(place)
+    } else {
+        STEP
+    };
+    Some(LastResort { place, charge })
+}
+
+/// Reason to take back a drone that Alight has sent away: the deck is free and in reach. What an operator or the
+/// pilot's switch has stopped stays stopped.
+pub(super) fn taken_back(progress: &MissionProgress, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let b = s.battery?;
+    let stopped = progress.stopped || progress.deck_declined || s.held_back().is_some();
+    let away = s.sortie.own_mission == OwnMission::SentAway && s.flight != ControlState::Ours;
+    let free = progress.missing.is_none() && old_data(s).is_none() && c.lowest_plan_m().is_none();
+    let listed = c.battery_order.contains(&BatteryPlace::Deck);
+    let back = away && free && listed && !stopped && b >= without_margin(s.charges.deck);
+    back.then(|| Reason::new(ReasonCode::BatteryDeck, b, s.battery_reserve))
 }
 
 /// Relaxation of the landing's limits on low battery, 0 to 1. It is 0 in the first half of the reserve, in which the

@@ -2,7 +2,7 @@ use alight_shared::msg::ReasonCode::{
     BatteryDeck, BatteryHere, BatteryHome, BatteryLow, BatteryRecovered, BatteryStopped, BatteryWaits,
     Commanded, DeckGrantStale, NotCommanded, Operator, Permitted, Recovered,
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED, OwnMission};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 
@@ -106,6 +106,58 @@ fn last_moment_for_the_next_place() {
         "battery at 13 %: waits for the deck until 6 %, which the next place needs"
     );
     goes(&step(TRACKING, &charged(0.01)), State::Tracking, BatteryDeck);
+}
+
+/// A place that costs the drone is left for only with the last charge for a descent, and with a known power.
+#[test]
+fn home_that_is_the_sea_and_unknown_power() {
+    for (sea, known, battery, resort, place) in [
+        (false, true, 0.06, Home, Home),
+        (true, true, 0.06, Here, Deck),
+        (true, true, 0.03, Here, Here),
+        (false, false, 0.06, Home, Deck),
+        (true, false, 0.01, Here, Deck),
+    ] {
+        let mut s = without_deck(battery, MISSING[0]);
+        (s.charges.home_is_sea, s.charges.known) = (sea, known);
+        assert_eq!(charge::last_resort(&s, &config()).map(|l| l.place), Some(resort));
+        let first = step(TRACKING, &s);
+        s.now += Span::from_secs(21.0);
+        let d = step(&first, &s);
+        assert_eq!(d.progress.low_battery, Some(place), "{sea} {known} {battery}");
+    }
+}
+
+/// The autopilot flies home. Only a drone that Alight has sent away is taken back, to a free deck in reach.
+#[test]
+fn drone_sent_away_from_a_deck_that_is_free_again() {
+    let away = |change: fn(&mut Situation)| {
+        let mut s = charged(0.05);
+        s.flight = ControlState::OtherControl(AutopilotMode::Return);
+        s.sortie.own_mission = OwnMission::SentAway;
+        change(&mut s);
+        s
+    };
+    let idle = |deck_declined| {
+        let progress = MissionProgress {
+            deck_declined,
+            ..MissionProgress::default()
+        };
+        (MissionPhase::Idle, progress)
+    };
+    let back = step(idle(false), &away(|_| {}));
+    waits(&back, State::Idle, BatteryDeck);
+    goes(&step(&back, &charged(0.05)), State::Tracking, BatteryDeck);
+    waits(&step(idle(true), &away(|_| {})), State::Idle, NotCommanded);
+    let reasons: [fn(&mut Situation); 4] = [
+        |s| s.reservation = Reservation::Others(DECK_CLOSED),
+        |s| s.rejection = Some(ReasonCode::SwitchAborts.into()),
+        |s| s.battery = Some(0.02),
+        |s| s.sortie.own_mission = OwnMission::None,
+    ];
+    for reason in reasons {
+        waits(&step(idle(false), &away(reason)), State::Idle, NotCommanded);
+    }
 }
 
 #[test]
@@ -279,8 +331,10 @@ fn order_to_land_below_the_reserve() {
 fn charge_of_a_way_home() {
     let c = config();
     let of = |home: Option<[f64; 2]>, wind: [f64; 2]| {
-        Charges::of(1e-3, home.map(Vector2::from), wind.into(), 14.0, &c)
+        let deck = Some(Vector2::new(3.0, 0.0));
+        Charges::of(1e-3, home.map(Vector2::from), deck, wind.into(), 14.0, &c)
     };
+    let beneath = of(Some([3.0, 4.0]), [0.0; 2]);
     let [calm, against, unknown] = [
         of(Some([300.0, 0.0]), [0.0; 2]),
         of(Some([300.0, 0.0]), [-2.0, 0.0]),
@@ -298,6 +352,7 @@ fn charge_of_a_way_home() {
         (unknown.home - 0.5 * c.battery_reserve).abs() < 1e-9,
         "{unknown:?}"
     );
+    assert!(beneath.home_is_sea && !calm.home_is_sea && !unknown.home_is_sea);
     assert!((calm.here - 0.01 - 1.25e-3 * 30.0).abs() < 1e-9 && (calm.attempt - 0.03).abs() < 1e-9);
 }
 

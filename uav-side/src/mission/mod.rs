@@ -490,6 +490,7 @@ impl MissionNode {
             harm: s.odds.filter(|_| s.leaving.lift_off.is_none()).map(|o| o.harm()),
             meets: self.meets,
             low_battery: self.progress.low_battery,
+            last_resort: charge::last_resort(s, c),
             turns_in_s: s.sortie.turns_in_s,
             sorties: self.progress.cycles.count(c),
             abort: self.commands.abort().map(|h| [h.boot, h.sequence]),

@@ -304,10 +304,16 @@ pub struct TakeOffEvidence {
 pub struct Charges {
     /// Charge to return by autopilot and land at home.
     pub home: f64,
+    /// Whether home is the sea: the vessel is there, or was at the take-off.
+    pub home_is_sea: bool,
     /// Charge to land in place.
     pub here: f64,
+    /// Charge to fly to the deck and land on it.
+    pub deck: f64,
     /// Charge for an attempt to land on the deck from above it.
     pub attempt: f64,
+    /// Whether the power behind these charges is known.
+    pub known: bool,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -416,6 +422,11 @@ pub fn hover_thrust(a: &AutopilotState, drone: &DroneGeometry) -> f64 {
 }
 
 impl Situation {
+    /// Reason why the drone does not follow set-points.
+    pub fn not_flying(&self) -> Reason {
+        let in_other_mode = matches!(self.flight, ControlState::OtherControl(_));
+        Reason::new(ReasonCode::NotFlying, f64::from(u8::from(in_other_mode)), 0.0)
+    }
     pub fn no_deck(&self) -> Reason {
         self.moved.or(self.several).unwrap_or(ReasonCode::NoVessel.into())
     }

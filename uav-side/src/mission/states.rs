@@ -11,7 +11,7 @@ use alight_shared::msg::ReasonCode::{
 use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
-use super::charge::urgency;
+use super::charge::{self, urgency};
 use super::limits::{
     CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEIGHT_TOLERANCE_M, HYSTERESIS, ORDER_WAITS_S,
     RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
@@ -115,6 +115,9 @@ fn goes_on(s: &Situation) -> bool {
 /// Waits for an order, for a flight in our mode, and for the vessel's radio.
 fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> PhaseTransition {
     let idle = MissionPhase::Idle;
+    if let Some(why) = charge::taken_back(progress, s, c) {
+        return idle.stay(why);
+    }
     if progress.cycles.on && !progress.sortie && s.flight == ControlState::Disarmed {
         return turnaround::stands(idle, progress, s, c);
     }
@@ -146,7 +149,7 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
         // landing.
         let held = s.rejection.filter(|why| why.code == ReasonCode::SwitchAborts);
         let why = held.or(turns_back).or(recalled).or(s.rejection).or(missing);
-        return idle.stay(why.unwrap_or(NotFlying.into()));
+        return idle.stay(why.unwrap_or(s.not_flying()));
     }
     if let Some(why) = s.rejection {
         return idle.stay(why);

@@ -76,8 +76,11 @@ pub(super) fn fair() -> Situation {
         battery_reserve: config().battery_reserve,
         charges: Charges {
             home: 0.06,
+            home_is_sea: false,
             here: 0.03,
+            deck: 0.04,
             attempt: 0.05,
+            known: true,
         },
         own: Some(OwnState {
             position: Vector3::new(0.0, 0.0, -8.3),

@@ -5,8 +5,9 @@
 //! has left: for several seconds it reports itself armed, in the air and at a distance, or the crew reports that it has
 //! left ([`claim`]). A single status is not enough, and silence is not evidence: a drone that owns the deck may have landed
 //! and been switched off, and its radio may fail in one direction, so that it lands unnoticed. Therefore silence never
-//! transfers the deck to another drone without the crew. While another drone waits with a low battery, the arbiter raises
-//! an alarm ([`Starved`]), and that drone lands at the next place in its configured order.
+//! transfers the deck to another drone without the crew. Of the drones that request the deck, one with a low battery
+//! comes first, and an owner with more charge that has not begun its descent gives way to it. While such a drone waits for
+//! a silent owner or for one that stands on the deck, the arbiter raises an alarm ([`Starved`]).
 //!
 //! A drone switched on without a position may stand on the deck. Until it reports its position, no other
 //! drone receives the deck, but the present owner keeps it.
@@ -168,12 +169,13 @@ impl DeckArbiter {
         let unplaced = |d: &&Drone| d.unplaced;
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
     }
-    /// Alarm: a drone with a low battery waits for a silent owner.
+    /// Alarm: a drone with a low battery waits for an owner that is silent or stands on the deck.
     pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         let silent_s = (now - owner.received).secs();
         // After this time, any manoeuvre that the owner had begun has ended.
-        if silent_s <= self.config.status_timeout_s {
+        let stands = owner.claim == Claim::OnDeck && owner.is_fresh(now);
+        if silent_s <= self.config.status_timeout_s && !stands {
             return None;
         }
         let waits = |d: &&Drone| {
@@ -384,7 +386,7 @@ impl DeckArbiter {
         let next = drones()
             .filter(|d| d.claim == Claim::Requesting && !owns(d) && !d.is_double() && d.is_fresh(now))
             .filter(|_| open)
-            .min_by_key(|d| d.since);
+            .min_by_key(|d| (d.need(), d.since));
         // A silent drone may be descending, and a drone that flies elsewhere climbs first.
         let idle = |d: &Drone| d.is_fresh(now) && (now - d.since).secs() > c.idle_timeout_s;
         let current = drones().find(|d| owns(d) && (d.claim > Claim::Away || d.inside));
@@ -395,8 +397,10 @@ impl DeckArbiter {
         };
         let ready =
             self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) && !self.may_be_unknown(now);
+        // An owner that has not begun its descent gives way to a drone that has less charge.
+        let gives_way = |d: &Drone| next.is_some_and(|n| n.needs_deck_before(d)) && d.is_fresh(now);
         let assigned = match current {
-            Some(d) if next.is_some() && idle(d) => None,
+            Some(d) if next.is_some() && idle(d) || gives_way(d) => None,
             Some(d) => Some(d),
             None => next.filter(free).filter(|_| ready),
         };

@@ -258,6 +258,13 @@ impl SimulatedAutopilot {
         let above = (self.now.secs() / TOGGLES_S).rem_euclid(2.0) >= 1.0;
         charge + if above { toggles_by } else { 0.0 }
     }
+    /// Charge drawn, as a fraction of the capacity: ArduCopter computes its gauge from it, PX4 counts since its start.
+    fn used(&self) -> f64 {
+        match self.firmware() {
+            Firmware::Px4 => self.now.secs().max(0.0) / self.endurance_s,
+            Firmware::ArduCopter => (1.0 - self.shown_charge()).max(0.0),
+        }
+    }
     pub fn step_bytes(
         &mut self,
         truth: &PlantState,

@@ -24,6 +24,8 @@ use crate::physics::drone::{AutopilotConfig, LossAction};
 /// Voltage of an empty four-cell battery, and the increase to a full one, V.
 const EMPTY_V: f64 = 14.0;
 const FULL_V: f64 = 2.6;
+/// Capacity of that battery, Ah.
+const CAPACITY_AH: f64 = 5.0;
 /// Period of CURRENT_MODE while the mode is unchanged.
 const MODE_PERIOD: Span = Span::from_millis(500);
 const RANGE_LASTS: Span = Span::from_millis(100);
@@ -581,12 +583,15 @@ impl SimulatedAutopilot {
                 let mut battery = m::BATTERY_STATUS_DATA {
                     voltages: [u16::MAX; 10],
                     current_battery: -1,
+                    current_consumed: -1,
                     battery_remaining: -1,
                     ..m::BATTERY_STATUS_DATA::DEFAULT
                 };
                 if self.battery_reported {
                     // Battery voltage as that of the first cell.
                     battery.voltages[0] = ((EMPTY_V + FULL_V * self.shown_charge()) * 1e3).round() as u16;
+                    battery.current_battery = (3.6e5 * CAPACITY_AH / self.endurance_s).round() as i16;
+                    battery.current_consumed = (1e3 * CAPACITY_AH * self.used()).round() as i32;
                     battery.battery_remaining = (100.0 * self.shown_charge()).round() as i8;
                 }
                 M::BATTERY_STATUS(battery)

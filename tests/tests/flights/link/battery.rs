@@ -3,23 +3,10 @@
 use super::BOTH;
 use super::config;
 use super::rig::LinkRig;
-use alight_shared::msg::{AutopilotMode, BatteryPlace, State};
+use alight_shared::msg::{AutopilotMode, BatteryPlace, LastResort, ReasonCode, State};
 use alight_uav::autopilot::message::{MavCmd, MavResult};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{ControlAuthority, Diversion};
-
-#[test]
-fn battery_at_0_percent_and_without_a_gauge() {
-    let mut c = config();
-    c.battery.diversion = Diversion::None;
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &c);
-    p.linked.autopilot.battery = 0.0;
-    p.run(4.0);
-    assert_eq!(p.state().battery, Some(0.0));
-    p.linked.autopilot.battery_reported = false;
-    p.run(4.0);
-    assert_eq!(p.state().battery, None);
-}
 
 #[test]
 fn battery_reserve_diversions() {
@@ -32,7 +19,7 @@ fn battery_reserve_diversions() {
         let mut c = config();
         c.battery.diversion = to;
         let mut p = LinkRig::commanding(firmware, 5.0, &c);
-        p.mission = State::Tracking;
+        (p.mission, p.counted) = (State::Tracking, Some(0.05));
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert_eq!(p.mode(), mode);
@@ -98,9 +85,31 @@ fn diversion_after_the_mission_has_counted() {
     assert_eq!(p.mode(), AutopilotMode::Return);
 }
 
+/// A mission that waited for the deck falls silent: its last resort counts, and only once it is not restarted.
+#[test]
+fn last_resort_of_a_silent_mission() {
+    let mut p = LinkRig::commanding(Firmware::Px4, 15.0, &config());
+    (p.mission, p.low_battery) = (State::Tracking, Some(BatteryPlace::Deck));
+    p.last_resort = Some(LastResort {
+        place: BatteryPlace::Here,
+        charge: 0.05,
+    });
+    p.linked.autopilot.battery = 0.08;
+    p.run(1.0);
+    p.mission_silent = true;
+    p.run(15.0);
+    p.assert_commanding();
+    p.linked.autopilot.battery = 0.045;
+    p.run(4.0);
+    p.assert_commanding();
+    p.run(4.0);
+    assert_eq!(p.mode(), AutopilotMode::Land);
+}
+
 #[test]
 fn denied_diversion_attempts() {
     let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
+    p.counted = Some(0.05);
     p.linked.autopilot.battery = 0.05;
     p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
     p.run(20.0);
@@ -113,7 +122,7 @@ fn denied_diversion_attempts() {
 fn battery_reserve_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
         let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        p.mission = state;
+        (p.mission, p.counted) = (state, Some(0.05));
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
@@ -123,5 +132,32 @@ fn battery_reserve_in_descent_and_flare() {
         assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
         p.run(2.0);
         assert!(!p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
+    }
+}
+
+/// The deck is free again: the link takes back a drone that it has sent away, but not one that a person has sent.
+#[test]
+fn drone_sent_away_and_taken_back() {
+    for firmware in BOTH {
+        for by_person in [false, true] {
+            let mut p = LinkRig::commanding(firmware, 5.0, &config());
+            p.mission = State::GaveUp;
+            p.linked.autopilot.battery = 0.15;
+            if by_person {
+                p.choose(AutopilotMode::Return);
+            } else {
+                p.low_battery = Some(BatteryPlace::Home);
+            }
+            p.run(3.0);
+            assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
+            (p.mission, p.low_battery, p.waiting) = (State::Idle, None, Some(ReasonCode::BatteryDeck));
+            p.run(5.0);
+            let expected = if by_person {
+                AutopilotMode::Return
+            } else {
+                AutopilotMode::Offboard
+            };
+            assert_eq!(p.mode(), expected, "{firmware:?}");
+        }
     }
 }

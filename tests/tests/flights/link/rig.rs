@@ -6,8 +6,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::mavlink::dialect::LANDING_TARGET_DATA;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage, DroneState,
-    Header, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample, Reason, ReasonCode, Seq,
-    SetPoint, SetPointKind, SettingsOrder, State,
+    Header, LastResort, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample, Reason,
+    ReasonCode, Seq, SetPoint, SetPointKind, SettingsOrder, State,
 };
 use alight_shared::node::Node as _;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
@@ -66,6 +66,7 @@ pub struct LinkRig {
     published: State,
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
+    pub last_resort: Option<LastResort>,
     /// Charge according to the mission, 0 to 1.
     pub counted: Option<f64>,
     /// Newest abort that the mission received.
@@ -82,8 +83,8 @@ pub struct LinkRig {
     pub sent: Vec<(f64, MavlinkMessage)>,
     pub commands: Vec<(f64, CommandLong)>,
     pub waits_for_flight: bool,
-    /// The drone must turn back to the vessel.
-    pub turns_back: bool,
+    /// Condition that the mission waits for, unless it waits for an order.
+    pub waiting: Option<ReasonCode>,
     /// Texts for a ground station, with their severity.
     pub notes: Vec<(u8, String)>,
     /// Named values: time, s; name; value.
@@ -179,6 +180,7 @@ impl LinkRig {
             published: State::Idle,
             mission_silent: false,
             low_battery: None,
+            last_resort: None,
             counted: None,
             abort: None,
             order: None,
@@ -190,7 +192,7 @@ impl LinkRig {
             sent: Vec::new(),
             commands: Vec::new(),
             waits_for_flight: false,
-            turns_back: false,
+            waiting: None,
             notes: Vec::new(),
             values: Vec::new(),
             heartbeats: Vec::new(),
@@ -316,16 +318,17 @@ impl LinkRig {
                 state: self.mission,
                 since: self.since,
                 low_battery: self.low_battery,
+                last_resort: self.last_resort,
                 battery: self.counted,
                 abort: self.abort,
                 order: self.order.filter(|_| self.waits_for_flight),
                 settings: self.mission_settings,
                 settable: self.settable,
-                waiting: Reason::plain(match (self.turns_back, self.waits_for_flight) {
-                    (true, _) => ReasonCode::TurnsBack,
-                    (false, true) => ReasonCode::NotFlying,
-                    (false, false) => ReasonCode::NotCommanded,
-                }),
+                waiting: Reason::plain(self.waiting.unwrap_or(if self.waits_for_flight {
+                    ReasonCode::NotFlying
+                } else {
+                    ReasonCode::NotCommanded
+                })),
                 ..MissionState::default()
             };
             let newest = self.orders.iter().rev().find(|c| c.kind != CommandKind::Abort);

@@ -46,6 +46,12 @@ fn mode_and_arming_of_a_take_off() {
             1,
             "{firmware:?}"
         );
+        // The accepted command counts before the next heartbeat.
+        let arms = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
+        let sent = p.commands.iter().find(|(_, c)| c.command == arms);
+        let armed = p.states.iter().find(|a| a.armed).map(|a| a.header.at.secs());
+        let took_s = armed.unwrap() - sent.unwrap().0;
+        assert!(took_s < 0.3, "{firmware:?}: {took_s} s");
         assert!(
             p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)[0].parameters[1] == 0.0,
             "not by force"
@@ -181,7 +187,7 @@ fn mission_chosen_again_after_the_turn_back() {
             p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty(),
             "{firmware:?}"
         );
-        p.turns_back = true;
+        p.waiting = Some(ReasonCode::TurnsBack);
         p.run(5.0);
         assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?}");
         let sent = p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len();

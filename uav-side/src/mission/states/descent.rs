@@ -37,6 +37,11 @@ const CONE_SLOPE: f64 = 0.3;
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
+/// Reasons that neither prevent nor end a landing on low battery.
+fn swings_or_contradicted(deck: &Deck, s: &Situation) -> Option<Reason> {
+    exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD).or(deck.contradicted)
+}
+
 /// Violated condition of a landing in progress. `blind_s`: maximum time without vision.
 fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
@@ -45,8 +50,7 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck.infeasible(c, HYSTERESIS * widening(urgency)))
-        .or_else(|| exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD))
-        .or(deck.contradicted.filter(|_| urgency <= 0.0))
+        .or_else(|| swings_or_contradicted(deck, s).filter(|_| urgency <= 0.0))
         .or_else(|| unlikely(urgency, s, c.min_probability - repeat, c.max_harm + repeat))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }

@@ -1,15 +1,17 @@
 use alight_shared::msg::{DroneStatus, Header, ReasonCode, State, Station};
 use alight_shared::time::{DroneClock, Span, Time, VesselClock};
 
-use super::FRESH;
 use super::claim::ClaimEvidence;
 use super::clearance::StandingCharge;
+use super::{FRESH, LOW_BATTERY};
 use crate::deck::checkpoint::{Claim, DroneClaim};
 
 /// Silence of the former boot after which another boot id counts as a restart: three status periods.
 const RESTART_SILENCE: Span = Span::from_millis(1500);
 /// Alternations between two senders with one number after which they count as two drones; a late packet causes only one.
 const MIN_ALTERNATIONS: u32 = 2;
+/// Difference of two charges for which the owner of the deck gives way, percent: the drones' gauges differ by less.
+const GIVES_WAY: u8 = 5;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Drone {
@@ -111,6 +113,15 @@ impl Drone {
             alternations,
         });
         restarted
+    }
+    /// Charge of a low battery, percent; 100: not low or unknown.
+    pub(super) fn need(&self) -> u8 {
+        let low = self.battery.filter(|b| *b < LOW_BATTERY);
+        low.map_or(100, |b| (100.0 * b) as u8)
+    }
+    /// Whether the deck's `owner` gives way to this drone.
+    pub(super) fn needs_deck_before(&self, owner: &Drone) -> bool {
+        owner.battery.is_some() && self.need().saturating_add(GIVES_WAY) < owner.need()
     }
     /// Whether a drone with this status asks the vessel to keep course and speed.
     pub(super) fn asks_for_steady(status: &DroneStatus) -> bool {
