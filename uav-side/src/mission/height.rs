@@ -16,7 +16,8 @@
 //! A witness with a *higher* deck level contradicts the forecast if the difference exceeds its error, and the drone
 //! then stays high enough for both levels. Without a witness it flies no lower than a pilot has flown it. Mean sea
 //! level does not count as a witness if the drone has been lower (inland water below sea level), and it cannot
-//! contradict a height that a take-off from the deck confirms.
+//! contradict a height that the camera or a take-off from the deck confirms. A take-off level counts until the camera
+//! measures another deck level, so a drone with tags in view waits for no other witness.
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
@@ -145,6 +146,11 @@ impl HeightWitnesses {
         *self = HeightWitnesses::default();
     }
 
+    /// Whether the drone stood on the deck before this flight.
+    pub(super) fn stood_on_deck(&self) -> bool {
+        self.take_off_z.is_some()
+    }
+
     pub(super) fn update(&mut self, i: &HeightInput, c: &MissionConfig) {
         self.sea_z = i.origin_sea_m;
         let stands = !i.armed || i.landed == LandedState::OnGround;
@@ -162,6 +168,10 @@ impl HeightWitnesses {
         }
         if let Some(z) = i.forecast_z.filter(|_| i.observed) {
             self.vision_z = Some(z);
+            // Otherwise the drone stood on a quay or a roof next to the deck.
+            self.take_off_z = self
+                .take_off_z
+                .filter(|level| (level - z).abs() <= FLIGHT_DRIFT_M);
         }
     }
 
@@ -197,8 +207,9 @@ impl HeightWitnesses {
 
     fn contradiction(&self, z: f64, deck_m: f64) -> Option<(f64, f64)> {
         let [take_off, sea, observed] = self.levels(deck_m);
-        let stood = take_off.is_some_and(|(level, err)| (z - level).abs() <= err);
-        [take_off, sea.filter(|_| !stood), observed]
+        let confirms = |(level, err): &(f64, f64)| (z - level).abs() <= *err;
+        let measured = take_off.iter().chain(&observed).any(confirms);
+        [take_off, sea.filter(|_| !measured), observed]
             .into_iter()
             .flatten()
             .filter(|(level, err)| *level < z - err)
@@ -463,12 +474,28 @@ mod tests {
         let h = judged(&w, 30.0);
         assert_eq!(code(&h), Some(ReasonCode::HeightsDisagree));
         assert!((h.deck_z.unwrap()).abs() < 1e-9, "{h:?}");
-        let appears = HeightInput {
-            distance_m: 1.0,
-            armed: false,
-            ..airborne(-8.0)
+        // A quay 8 m above the deck, from which the drone detects the tags before or after its take-off.
+        let quay = HeightInput {
+            own_z: Some(-8.3),
+            ..on_deck
         };
-        assert_eq!(after(&[appears]).take_off_z, None);
+        let sees = HeightInput {
+            forecast_z: Some(0.0),
+            observed: true,
+            ..airborne(-20.0)
+        };
+        for inputs in [[quay, sees], [sees, quay]] {
+            let mut w = after(&inputs);
+            w.update(&sees, &MissionConfig::default());
+            assert_eq!((w.take_off_z, code(&judged(&w, 0.0))), (None, None));
+        }
+        assert!(after(&[on_deck, sees]).stood_on_deck());
+        // The sea appears 20 m above the deck that the camera measures.
+        let wrong = HeightInput {
+            origin_sea_m: Some(-20.0),
+            ..sees
+        };
+        assert_eq!(code(&judged(&after(&[wrong]), 0.0)), None);
         let mut moved = w;
         moved.forget();
         assert_eq!(moved, HeightWitnesses::default());

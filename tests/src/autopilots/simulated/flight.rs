@@ -496,7 +496,7 @@ impl SimulatedFlight {
         self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
     }
 
-    /// PX4's land detector, simplified: low thrust and low speed for 1 s. The landing mode then disarms.
+    /// PX4's land detector, simplified: disarmed, or low thrust and low speed for 1 s. The landing mode then disarms.
     fn detect_landing(&mut self, e: &Estimate, dt: f64) {
         let quiet = self.target.thrust < 0.6 * self.hover_thrust
             && e.velocity.z.abs() < 0.25
@@ -507,7 +507,7 @@ impl SimulatedFlight {
         let stays = self.firmware() == Firmware::ArduCopter
             && self.landed == LandedState::OnGround
             && self.target.thrust <= 0.5 * self.hover_thrust;
-        self.landed = if stays || self.still_s >= 1.0 {
+        self.landed = if !self.armed || stays || self.still_s >= 1.0 {
             LandedState::OnGround
         } else {
             LandedState::InAir
