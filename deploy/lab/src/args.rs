@@ -284,7 +284,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
           value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
-    /// Planner to fly, or exec:COMMAND, a program of yours (alight help planners) [default: that of the configuration,
+    /// Planner to fly, or exec:COMMAND, a program of yours (alight help examples) [default: that of the configuration,
     /// alight]
     #[arg(long, value_name = "NAME|exec:COMMAND", value_parser = planner())]
     pub planner: Option<PlannerChoice>,
@@ -406,7 +406,7 @@ pub struct TrialArgs {
     /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
     #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
     pub seed: u64,
-    /// Program of yours that predicts the deck (alight help planners)
+    /// Program of yours that predicts the deck (alight help examples)
     #[arg(long, value_name = "exec:COMMAND", conflicts_with = "record",
           value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
     pub predictor: Option<String>,

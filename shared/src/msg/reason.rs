@@ -145,8 +145,9 @@ reasons! {
     HeightReached { "at the height of the approach" }
     /// No landing was commanded.
     NotCommanded { "no landing commanded" }
-    /// The drone is not flying, not armed, or not in the mode that follows set-points.
-    NotFlying { "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)" }
+    /// The drone is not flying, not armed, or not in the mode that follows set-points; 1: it is armed in another mode.
+    NotFlying { "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)";
+        if v > 0.0 => "armed, but not in OFFBOARD (PX4) or GUIDED (ArduPilot)" }
     /// No vessel message received yet.
     NoVessel { "no vessel state received from within 100 km" }
     /// Own odometry too old, s.
@@ -289,7 +290,7 @@ reasons! {
     /// Armed again, by the pilot, after the landing.
     ArmedAgain { "armed again after the landing" }
     /// Time since the missing data returned, s.
-    Recovered { "missing data has been back for {v:.1} s" }
+    Recovered { "all data have been fresh for {v:.1} s" }
     /// The motion of a vessel known by its tags alone is not identified yet.
     NotIdentified { "the deck's motion is not identified yet: it takes a minute of vision" }
     /// Tags of a vessel without radio are detected.
@@ -323,8 +324,9 @@ reasons! {
     Arming { "the autopilot has not armed for {v:.0} s (limit {l:.0})" }
     /// The autopilot did not arm: time waited, s, and the limit.
     ArmingRejected { "the autopilot did not arm within {l:.0} s: its own text has the reason" }
-    /// The autopilot reports no turning rotors yet: time since arming, s, and the limit.
-    SpinningUp { "the autopilot reports no turning rotors {v:.1} s after arming (limit {l:.1})" }
+    /// Time for which the autopilot has reported turning rotors, s, and the minimum.
+    SpinningUp { "the rotors have turned for {v:.1} s (needs {l:.1})";
+        if v <= 0.0 => "the autopilot reports no turning rotors" }
     /// Probability of a take-off too low because the deck tilts or moves sideways.
     TakeOffTilted { "probability of a take-off {likely:.0} % (needs {needed:.0} %): the deck tilts or slides away" }
     /// Probability of a take-off too low because the deck may rise into the drone.

@@ -195,9 +195,10 @@ impl DroneStateAssembler {
         } else {
             i.newest
         };
+        let sampled = i.count > 0;
         (i.sum, i.count) = (Vector3::zeros(), 0);
         let ([x, y, z], [vx, vy, vz]) = (position, velocity);
-        self.watch([x, y, z, vx, vy, vz], (at, accelerometer, reported));
+        self.watch([x, y, z, vx, vy, vz], (at, accelerometer, reported), sampled);
         if self.frozen[0].is_some() {
             return self.reject();
         }
@@ -225,8 +226,9 @@ impl DroneStateAssembler {
         self.last = Some(state);
         Some(state)
     }
-    /// Checks the odometry for a quantity that is frozen while the drone moves and so is not a measurement.
-    fn watch(&mut self, place: [f64; 6], now: Motion) {
+    /// Checks the odometry for a quantity that is frozen while the drone moves and so is not a measurement. Without a new
+    /// inertial sample (`sampled`) an unchanged accelerometer is silent, not frozen.
+    fn watch(&mut self, place: [f64; 6], now: Motion, sampled: bool) {
         let (_, force, q) = now;
         let moves = |first: Motion| first.1 != force;
         self.frozen[0] = None;
@@ -236,7 +238,10 @@ impl DroneStateAssembler {
         if repeated(&mut self.turned, [q.w, q.i, q.j, q.k], now).is_some_and(moves) {
             self.frozen[0] = Some("attitude");
         }
-        if repeated(&mut self.force, force.into(), now).is_some_and(|f| f.2.angle_to(&q) > TURNED_RAD) {
+        if !sampled {
+            self.force = None;
+        } else if repeated(&mut self.force, force.into(), now).is_some_and(|f| f.2.angle_to(&q) > TURNED_RAD)
+        {
             self.frozen[0] = Some("accelerometer");
         }
     }

@@ -58,11 +58,14 @@ impl TakeOffSequence {
             self.text = Some((now, text.into()));
         }
     }
-    /// Waits after an accepted command, because PX4's next heartbeat may be a second away.
-    pub(super) fn accepted(&mut self, now: DroneTime) {
-        if self.arms > 0 && self.disarms == 0 {
+    /// Whether an accepted command has armed the drone. No other follows, because PX4's next heartbeat may be a second
+    /// away.
+    pub(super) fn accepted(&mut self, now: DroneTime) -> bool {
+        let arms = self.arms > 0 && self.disarms == 0;
+        if arms {
             self.next.restart(now, PAUSE + PAUSE);
         }
+        arms
     }
     pub(super) fn denied(&mut self, now: DroneTime, result: MavResult) -> Option<String> {
         if self.since.is_none() || self.arms == 0 || self.disarms > 0 {

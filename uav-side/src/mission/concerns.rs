@@ -154,7 +154,7 @@ fn control(
     match s.flight {
         ControlState::Disarmed | ControlState::OtherControl(_) => {
             progress.landing = false;
-            Some(MissionPhase::Idle.enter(ReasonCode::NotFlying))
+            Some(MissionPhase::Idle.enter(s.not_flying()))
         }
         // When the drone follows set-points again low above the deck, it climbs.
         ControlState::SetPointsLost if phase.takes_off() => take_off::set_points_lost(phase, s, c),

@@ -298,9 +298,8 @@ pub(super) fn spin_up(
     };
     let turn_s = s.leaving.rotors_turn_s;
     if turn_s < IDLES_S || s.motors_stopped {
-        let spun_s = (s.now - at).secs();
-        let why = Reason::new(SpinningUp, spun_s, MOMENT_S);
-        return if spun_s > MOMENT_S {
+        let why = Reason::new(SpinningUp, turn_s, IDLES_S);
+        return if (s.now - at).secs() > MOMENT_S {
             cut(s, c, why)
         } else {
             stays(armed, why)

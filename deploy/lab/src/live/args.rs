@@ -114,7 +114,14 @@ pub struct LandArgs {
     pub supervised: bool,
 }
 
+/// Time in which the crew can practise what follows an abort or a takeover, s.
+const GOES_ON_S: f64 = 300.0;
+
 impl LandArgs {
+    pub fn goes_on_s(&self) -> f64 {
+        let tests = self.fault.is_some() || self.faults.is_some() || self.scene.stay.is_some();
+        if tests { 0.0 } else { GOES_ON_S }
+    }
     pub fn flown_by(&self) -> AutopilotKind {
         match self.scene.autopilot.filter(|_| self.external) {
             None => AutopilotKind::Internal,

@@ -109,6 +109,8 @@ config! {
         pub planner: String = String::new();
         /// Records the truth in addition to the recordings of the processes.
         pub truth: bool = false;
+        /// Time after an abort or a takeover until the next landing at the latest, s; 0: the trial is then over.
+        pub goes_on_s: f64 = 0.0, in 0.0..=3600.0;
         /// File for the plot of the landing.
         #[serde(skip_serializing_if = "Option::is_none")]
         pub plot: Option<PathBuf> = None;

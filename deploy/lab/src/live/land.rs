@@ -34,7 +34,7 @@ use crate::live::fault::{FaultInput, LiveAct, LiveFault};
 use crate::live::landing_setup::LandingSetup;
 use crate::live::list::{self, LiveFaults};
 use crate::live::report::{LiveOutcome, LiveReport};
-use crate::live::world::{CONTACT, WorldReport};
+use crate::live::world::{CONTACT, GOES_ON, WorldReport};
 use crate::record::{self, RecordingScene};
 use crate::scene::Scene;
 use crate::{chart, outcome_table};
@@ -311,6 +311,10 @@ impl<'a> Landing<'a> {
             self.poll_faults(now)?;
             let output = self.supervisor.output_lines();
             self.contact |= output.iter().any(|line| line == CONTACT);
+            if output.iter().any(|line| line == GOES_ON) {
+                let text = "not landed: goes on until the next landing, for at most 5 min (Ctrl+C ends it)";
+                note(self.args.form.alone(), format_args!("{t_s:>7.2} s  {text}"));
+            }
             let state = self.observer.snapshot.mission.map(|m| m.state);
             let ages_s = std::mem::take(&mut self.observer.ages_s);
             self.watch

@@ -182,6 +182,7 @@ fn simulated_world(scene: &Scene, args: &LandArgs) -> Result<SimulatedWorld, Cli
         sea: scene.sea.clone(),
         planner: scene.nodes.planner_name().into(),
         truth: args.record.is_some(),
+        goes_on_s: args.goes_on_s(),
         plot: args.plot.clone(),
         autopilot: args.flown_by(),
         firmware: match &args.firmware {

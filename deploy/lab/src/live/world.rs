@@ -16,14 +16,13 @@ use alight_computer::record::flight::recorder::NodeRecorder;
 use alight_computer::terminal;
 use alight_shared::config;
 use alight_shared::metrics::MetricName;
-use alight_shared::msg::{DeckForecast, MissionState, Seq};
+use alight_shared::msg::{DeckForecast, MissionState, Seq, State};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::TrueTime;
 use alight_sim::autopilots::FirmwareSensors;
 use alight_sim::chart::landing;
-use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome};
+use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome, REST_S};
 use alight_sim::harness::physics::{Physics, TICK};
-use alight_sim::harness::scenario::Scenario;
 use alight_sim::harness::trace::Trace;
 use alight_sim::sensors::DroneReadings;
 use alight_transport::clock::{ProcessClock, steady_ns};
@@ -43,6 +42,7 @@ const SECOND_NS: i64 = 1_000_000_000;
 
 pub const SENSING: &str = "world: sensors send";
 pub const CONTACT: &str = "world: first contact";
+pub const GOES_ON: &str = "world: goes on without a landing";
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -266,7 +266,7 @@ impl<'a> LiveWorld<'a> {
         if let Some(computer) = &mut self.drone.ports {
             self.landing.receive(computer, drone_ns);
         }
-        if self.landing.observe(&self.physics, &self.world.scenario) {
+        if self.landing.observe(&self.physics, self.world) {
             return true;
         }
         self.report_state();
@@ -365,6 +365,7 @@ struct LandingWatch {
     history: History,
     /// Time since the start at which the stay on the deck ends, s.
     stays_until_s: Option<f64>,
+    flies_on: bool,
     touched: bool,
     motors_on_deck_s: f64,
 }
@@ -378,6 +379,7 @@ impl LandingWatch {
             ages: None,
             history: History::new(plotted),
             stays_until_s: None,
+            flies_on: false,
             touched: false,
             motors_on_deck_s: 0.0,
         }
@@ -386,15 +388,30 @@ impl LandingWatch {
         self.mission = computer.mission.newest(drone_ns).unwrap_or(self.mission);
         self.forecast = computer.forecasts.newest(drone_ns).or(self.forecast);
     }
-    /// Judges a tick; true when the trial and the time on the deck are over.
-    fn observe(&mut self, physics: &Physics, scenario: &Scenario) -> bool {
+    /// Judges a tick; true when the trial and the time on the deck are over. After an abort or a takeover a drone flies on
+    /// until it stands or `goes_on_s` have passed, and the verdict stays.
+    fn observe(&mut self, physics: &Physics, world: &SimulatedWorld) -> bool {
         let t_s = physics.time_since_start().secs();
         self.history.update(physics, t_s);
+        let scenario = &world.scenario;
         let deck = &scenario.deck;
         let half_deck = [deck.length_m / 2.0, deck.width_m / 2.0];
         let observed = physics.observation(0, &self.mission);
         if self.stays_until_s.is_none() && t_s > 0.0 && self.judge.observe(&observed, half_deck) {
-            self.stays_until_s = Some(t_s + scenario.stay_s);
+            let ended_by_person = self.mission.abort.is_some() || self.mission.state == State::Idle;
+            self.flies_on = ended_by_person && observed.motors_on && world.goes_on_s > 0.0;
+            let stay_s = if self.flies_on {
+                world.goes_on_s
+            } else {
+                scenario.stay_s
+            };
+            self.stays_until_s = Some(t_s + stay_s);
+            if self.flies_on {
+                terminal::line(GOES_ON);
+            }
+        }
+        if self.flies_on && (observed.in_water || !observed.motors_on) {
+            (self.flies_on, self.stays_until_s) = (false, Some(t_s + REST_S));
         }
         if self.judge.first_contact_s().is_some() {
             if !self.touched {
