@@ -55,7 +55,7 @@ alight rehearse             what the packages install\n  \
 alight explain MESSAGE      what to do about a message\n  \
 alight help install         a page: start install sensors\n  \
 camera radio autopilots envelope crew operate view\n  \
-ground-station commands examples planners firmware\n  \
+ground-station commands examples firmware hazards\n  \
 recordings\n\n\
 Exit codes: 0 success, 1 failed landing, 2 bad input,\n3 this computer was too slow.")]
 pub struct Cli {
@@ -103,7 +103,7 @@ macro_rules! pages {
 }
 pages! {
     "start" "install" "autopilots" "sensors" "camera" "radio" "envelope" "crew" "operate" "view" "ground-station"
-    "commands" "examples" "planners" "firmware" "recordings"
+    "commands" "examples" "firmware" "recordings" "hazards"
 }
 
 /// Page of the topic in `alight help TOPIC`, before a command of that name: `alight view --help` prints its flags.

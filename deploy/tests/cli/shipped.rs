@@ -6,6 +6,8 @@ use std::process::Command;
 
 use toml::{Table, Value};
 
+use alight_sim::studies::statistics::wilson;
+
 use crate::program::{alight, assert_rejected, file, json, stdout};
 
 /// Keys whose shipped values differ from the program's defaults, and the reasons.
@@ -271,39 +273,46 @@ fn test_name_length() {
 }
 
 #[test]
-fn failures_and_their_tests() {
-    let page = std::fs::read_to_string(shipped("../CONTRIBUTING.md")).expect("CONTRIBUTING.md");
-    let section = page
-        .split("\n## ")
-        .find(|s| s.starts_with("Failures and their tests\n"));
-    let table = section.expect("a section of failures");
+fn hazards_with_their_tests_and_rates() {
+    let page = std::fs::read_to_string(shipped("docs/hazards.md")).expect("hazards.md");
     let mut all = String::new();
     sources(&shipped(".."), &mut all);
-    let mut named = 0;
-    for row in table
+    let (mut shows, mut rates) = (0, 0);
+    for row in page
         .lines()
-        .filter(|l| l.starts_with("| ") && !l.starts_with("| failure"))
+        .filter(|l| l.starts_with("| ") && !l.starts_with("| hazard"))
     {
-        let column = row.split('|').nth(2).expect("two columns");
-        let tests: Vec<&str> = column.split('`').skip(1).step_by(2).collect();
-        assert!(!tests.is_empty(), "no test: {row}");
-        for test in tests {
-            assert!(all.contains(&format!("fn {test}() {{")), "{test}");
-            named += 1;
+        let columns: Vec<&str> = row.split('|').map(str::trim).collect();
+        let [_, hazard, _, _, shown, rate, _, _] = columns[..] else {
+            panic!("six columns: {row}");
+        };
+        let before = (shows, rates);
+        for list in shown.split(", ").filter(|l| l.ends_with(".toml")) {
+            assert!(shipped("../tests/storm").join(list).exists(), "{list}");
+            shows += 1;
         }
+        for test in shown.split('`').skip(1).step_by(2) {
+            assert!(all.contains(&format!("fn {test}() {{")), "{test}");
+            shows += 1;
+        }
+        assert!(
+            shows > before.0 || hazard.starts_with("**open**"),
+            "no test: {row}"
+        );
+        // `k of n (a to b %)`, with Wilson's interval, and the source at the end.
+        let words: Vec<&str> = rate.split(' ').collect();
+        for w in words.windows(7).filter(|w| w[1] == "of" && w[4] == "to") {
+            let count = |k: usize| w[k].parse().expect("a count");
+            let (from, to) = wilson(count(0), count(2));
+            let interval = format!("({:.0} to {:.0} %)", 100.0 * from, 100.0 * to);
+            assert!(w[3..].join(" ").starts_with(&interval), "{interval}: {rate}");
+            rates += 1;
+        }
+        let measured = rates > before.1 && rate.ends_with(')');
+        assert!(measured || rate == "not measured", "no source: {rate}");
     }
-    assert!(named >= 15, "{named}");
-    let parts = [
-        "link",
-        "clock",
-        "camera",
-        "GNSS",
-        "process",
-        "battery",
-        "wrong vessel",
-        "deck occupied",
-    ];
-    for part in parts {
-        assert!(table.contains(part), "{part}");
-    }
+    assert!(
+        shows >= 45 && rates >= 10,
+        "{shows} tests and lists, {rates} rates"
+    );
 }
