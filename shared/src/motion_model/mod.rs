@@ -160,9 +160,9 @@ impl<C: Clock> MotionModel<C> {
                 let (of_a, of_b) = (earth.weights(), vessel.weights());
                 let weight: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
                 for (apart, ahead) in self.apart.iter_mut().zip(SPREAD_AT_S) {
-                    let (p, q) = (a.motion(ahead), b.motion(ahead));
+                    let (p, q) = (a.values(ahead), b.values(ahead));
                     let both = |d: usize| (weight[d] * (1.0 - weight[d])).sqrt();
-                    *apart = core::array::from_fn(|d| both(d) * (p[d][0] - q[d][0]).abs());
+                    *apart = core::array::from_fn(|d| both(d) * (p[d] - q[d]).abs());
                 }
                 let rest = weight.map(|s| 1.0 - s);
                 [(a, weight), (b, rest)]
@@ -231,7 +231,7 @@ impl<C: Clock> MotionModel<C> {
     /// Wave component of each degree of freedom at time `at`; None before the first identification.
     pub fn waves(&self, at: Time<C>) -> Option<[f64; DOFS]> {
         let modes = self.modes().filter(|_| self.is_identified())?;
-        Some(modes.motion((at - modes.at).secs()).map(|m| m[0]))
+        Some(modes.values((at - modes.at).secs()))
     }
     /// Whether the motion has been identified, including calm water without predictable motion.
     pub fn is_identified(&self) -> bool {

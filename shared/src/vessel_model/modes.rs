@@ -99,7 +99,18 @@ pub struct Modes<C: Clock> {
 }
 
 impl<C: Clock> Modes<C> {
-    /// `Re sum_k c_kd exp(p_k t)` and its derivatives, `t` seconds after the time of validity.
+    /// `Re sum_k c_kd exp(p_k t)`, `t` seconds after the time of validity.
+    pub fn values(&self, t: f64) -> [f64; DOFS] {
+        let mut out = [0.0; DOFS];
+        for m in &self.modes {
+            let propagator = (m.pole * t).exp();
+            for (sum, c) in out.iter_mut().zip(&m.shape) {
+                *sum += (c * propagator).re;
+            }
+        }
+        out
+    }
+    /// [`Modes::values`] and their derivatives.
     pub fn motion(&self, t: f64) -> Motion {
         let mut out = Motion::default();
         for m in &self.modes {
@@ -179,6 +190,7 @@ mod tests {
         for t in [0.0, 0.7, 3.0] {
             let (before, now, after) = (m.motion(t - h), m.motion(t), m.motion(t + h));
             for d in 0..DOFS {
+                assert_eq!(m.values(t)[d], now[d][0]);
                 for k in 0..2 {
                     let slope = (after[d][k] - before[d][k]) / (2.0 * h);
                     assert!((slope - now[d][k + 1]).abs() < 1e-7, "{t} {d} {k}");

@@ -61,7 +61,7 @@ pub struct DeckModes {
 impl DeckModes {
     /// Modes `t` seconds after their time of validity, for a deck whose centre is at `lever_arm` (m, north, east, down
     /// of a level vessel) from the vessel's reference point. A positive pitch moves the deck aft, a positive roll to
-    /// starboard, and a heading change across the lever arm. `step_s` is the step of [`DeckModes::advance`].
+    /// starboard, and a heading change across the lever arm. `step_s` is the step of [`DeckModes::advance`]; 0: it does nothing.
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
             let factor = (m.pole * t).exp();
@@ -75,9 +75,14 @@ impl DeckModes {
                 c[YAW],
             ]
         };
+        let step = |m: &Mode| (m.pole * step_s).exp();
         DeckModes {
             modes: modes.modes.iter().map(|m| (m.pole, deck(m))).collect(),
-            step: modes.modes.iter().map(|m| (m.pole * step_s).exp()).collect(),
+            step: if step_s == 0.0 {
+                Vec::new()
+            } else {
+                modes.modes.iter().map(step).collect()
+            },
         }
     }
     pub fn advance(&mut self) {

@@ -122,12 +122,12 @@ pub(crate) struct SlowMotion {
 const SLOW_S: f64 = 20.0;
 
 impl SlowMotion {
-    /// Updates the averages with the velocity (NED, m/s) and heading of a step.
-    fn update(&mut self, velocity: Vector2<f64>, heading: f64, mean_heading: f64) {
+    /// Updates the averages with the velocity (NED, m/s) and heading of a step; `mean_axes` turns into NED.
+    fn update(&mut self, velocity: Vector2<f64>, heading: f64, mean_axes: &Rotation2<f64>) {
         self.known_s += STEP_S;
         // Plain average until the memory is full.
         let fraction = STEP_S / self.known_s.min(SLOW_S);
-        self.velocity += (Rotation2::new(-mean_heading) * velocity - self.velocity) * fraction;
+        self.velocity += (mean_axes.inverse() * velocity - self.velocity) * fraction;
         let off = wrap_angle(heading - self.heading);
         // Waves turn a vessel by no more than this angle; any excess is a turn and is followed at once.
         let turned = off - off.clamp(-TURN_RAD, TURN_RAD);
@@ -458,12 +458,13 @@ impl VesselFilter {
         let b = &self.belief;
         let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
         let waves = self.motion.waves(self.at);
-        self.slow.update(velocity, heading, self.mean_heading);
+        let mean_axes = Rotation2::new(self.mean_heading);
+        self.slow.update(velocity, heading, &mean_axes);
         let mean = match waves {
             Some(w) => velocity - Vector2::new(w[SURGE], w[SWAY]),
-            None => self.slow.velocity(self.mean_heading),
+            None => mean_axes * self.slow.velocity,
         };
-        let ahead = Rotation2::new(self.mean_heading) * Vector2::x();
+        let ahead = mean_axes * Vector2::x();
         self.gain.update((mean - self.mean_velocity).dot(&ahead));
         self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
         let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
