@@ -5,8 +5,8 @@ use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
-    CommandKind, EstimateUpdate, Header, MESSAGE_VERSION, Message, OperatorCommand, PredictedStage,
-    TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
+    CommandKind, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, f16, message_version,
 };
 use alight_shared::node::Node;
 use alight_shared::radio::RadioTopic;
@@ -177,7 +177,7 @@ fn bridge_rejection_reasons() {
         (short, RejectionReason::Malformed),
         (elsewhere, RejectionReason::Sender),
         (
-            edit(&|m| m.header.version = MESSAGE_VERSION + 1),
+            edit(&|m| m.header.version = message_version() ^ 1),
             RejectionReason::Version,
         ),
         (edit(&|m| m.header.vessel = 2), RejectionReason::Vessel),

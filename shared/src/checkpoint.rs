@@ -4,13 +4,15 @@
 
 use core::fmt;
 
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::admission::Latest;
 use crate::bus::{Bus, Reader as _, Writer as _};
-use crate::msg::{LinkCheckpoint, MESSAGE_VERSION, Message, MissionCheckpoint, PredictorCheckpoint};
+use crate::msg::{LinkCheckpoint, Message, MissionCheckpoint, PredictorCheckpoint, message_version};
 use crate::plain::Plain;
+use crate::schema;
 use crate::time::{DroneClock, Span, Time};
 use crate::topics;
 use crate::wire::{self, WireError};
@@ -73,7 +75,7 @@ impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
 /// Validates `m` at `now` for drone `drone`.
 pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Result<(), CheckpointRejection> {
     let h = m.header();
-    if h.version != MESSAGE_VERSION {
+    if h.version != message_version() {
         return Err(CheckpointRejection::Version);
     }
     if h.drone != drone {
@@ -102,7 +104,7 @@ macro_rules! kept {
         pub struct CheckpointStore { $($field: Latest<$checkpoint>,)* }
 
         /// Part of a [`CheckpointStore`] that is saved to a file.
-        #[derive(Default, Serialize, Deserialize)]
+        #[derive(Default, JsonSchema, Serialize, Deserialize)]
         struct Checkpoints { $($field: Option<$checkpoint>,)* }
 
         impl CheckpointStore {
@@ -130,12 +132,10 @@ kept! {
     link: LinkCheckpoint, LINK_CHECKPOINT;
 }
 
-const FILE_VERSION: u32 = 1;
-
 /// File with state that outlives a process, and the fields that validate it.
 #[derive(Serialize, Deserialize)]
 struct File {
-    version: (u32, u16),
+    version: u64,
     owner: String,
     checksum: u64,
     kept: Vec<u8>,
@@ -147,10 +147,10 @@ impl File {
     }
 }
 
-/// File that outlives a process: `kept`, its layout and owner (boot or vessel), and a checksum.
-pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u8>, WireError> {
+/// File that outlives a process: `kept`, the hash of its layout, its owner (boot or vessel), and a checksum.
+pub fn to_file<T: Serialize + JsonSchema>(owner: &str, kept: &T) -> Result<Vec<u8>, WireError> {
     let mut file = File {
-        version: (layout, MESSAGE_VERSION),
+        version: schema::hash(&schema::of::<T>()),
         owner: owner.into(),
         checksum: 0,
         kept: wire::encode_record(kept)?,
@@ -160,10 +160,10 @@ pub fn to_file<T: Serialize>(layout: u32, owner: &str, kept: &T) -> Result<Vec<u
 }
 
 /// Reads a file written by [`to_file`]. The file must be complete, and its layout and owner must match.
-pub fn of_file<T: DeserializeOwned>(layout: u32, owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
+pub fn of_file<T: DeserializeOwned + JsonSchema>(owner: &str, file: &[u8]) -> Result<T, CheckpointRejection> {
     let damaged = |_: WireError| CheckpointRejection::Damaged;
     let file: File = wire::decode_record(file).map_err(damaged)?;
-    if file.version != (layout, MESSAGE_VERSION) {
+    if file.version != schema::hash(&schema::of::<T>()) {
         return Err(CheckpointRejection::Version);
     }
     if file.checksum != file.checksum().map_err(damaged)? {
@@ -204,7 +204,7 @@ impl CheckpointStore {
     }
     /// Content of the file. The clock of the checkpoints restarts at each boot; `computer_boot` names it.
     pub fn encode(&self, computer_boot: &str) -> Result<Vec<u8>, WireError> {
-        to_file(FILE_VERSION, computer_boot, &self.checkpoints())
+        to_file(computer_boot, &self.checkpoints())
     }
     /// Restores the checkpoints of an earlier file.
     pub fn restore(
@@ -213,7 +213,7 @@ impl CheckpointStore {
         computer_boot: &str,
         file: &[u8],
     ) -> Result<(), CheckpointRejection> {
-        self.take_all(now, &of_file(FILE_VERSION, computer_boot, file)?);
+        self.take_all(now, &of_file(computer_boot, file)?);
         Ok(())
     }
 }

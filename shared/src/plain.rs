@@ -13,7 +13,7 @@ use crate::topics::{self, Topic};
 ///
 /// # Safety
 /// The type is plain data of fixed size, without pointers, references or handles, all the way down, and every process that
-/// shares it is of the same build, or the type is `repr(C)` without enumerations and `Option`.
+/// shares it has the same [`Topic::layout`], or the type is `repr(C)` without enumerations and `Option`.
 pub unsafe trait Plain: Copy + Debug + Serialize + 'static {
     /// Topic with name, buffer and staleness limit.
     const TOPIC: &'static Topic;
@@ -35,9 +35,8 @@ pub trait Visitor {
 // all the way down, and `repr(C)` except for two details whose layout Rust fixes only within one compilation:
 // enumerations (`repr(u8)`) with few valid values, and `Option` in odometry, plans, surroundings, grants, forecasts,
 // checkpoints, metrics, reports of the vessel's processes and reports of a computer. Both are sound because a service's
-// attributes carry `MESSAGE_VERSION` and the package's version, so that only processes of one program share a service,
-// and because a process writes a message only by copying a whole valid value. Bounded lists check their length when
-// read.
+// attribute is the hash of the layout (`Topic::layout`), so that only processes with one layout share a service, and
+// because a process writes a message only by copying a whole valid value. Bounded lists check their length when read.
 macro_rules! plain {
     ($($ty:ty => $topic:ident;)*) => {
         $(

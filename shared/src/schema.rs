@@ -10,6 +10,8 @@ use schemars::transform::transform_subschemas;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde_json::Value;
 
+use crate::wire::hash_bytes;
+
 /// Units recognised in comments after a comma or bracket.
 const UNITS: [&str; 18] = [
     "m/s²", "m/s", "m²", "m", "rad/s²", "rad/s", "rad²", "rad", "deg", "1/s", "s", "ns", "Hz", "V", "A",
@@ -164,8 +166,8 @@ impl<'a> SchemaKind<'a> {
             Some("string") => SchemaKind::text(schema),
             Some("array") => match (schema.get("items").and_then(Value::as_object), number("maxItems")) {
                 (Some(items), Some(n)) if number("minItems") == Some(n) => SchemaKind::Array(items, n),
-                (Some(items), Some(n)) => SchemaKind::List(items, n),
-                (None, _) | (_, None) => SchemaKind::Unknown,
+                (Some(items), most) => SchemaKind::List(items, most.unwrap_or(u64::MAX)),
+                (None, _) => SchemaKind::Unknown,
             },
             Some("object") => SchemaKind::structure(schema),
             _ => SchemaKind::choice(schema),
@@ -255,6 +257,31 @@ fn is_null(schema: &Object) -> bool {
     schema.get("type").and_then(Value::as_str) == Some("null")
 }
 
+/// Hash of names, fields, types and variants, without comments.
+pub fn hash(schema: &Schema) -> u64 {
+    let text = schema.as_object().map(described).unwrap_or_default();
+    hash_bytes(text.as_bytes())
+}
+
+fn described(schema: &Object) -> String {
+    let kind = SchemaKind::of(schema);
+    let content = match &kind {
+        SchemaKind::Number(_) | SchemaKind::Bool | SchemaKind::Text(_) => String::new(),
+        SchemaKind::Unknown => Value::Object(schema.clone()).to_string(),
+        SchemaKind::Array(items, _) | SchemaKind::List(items, _) => described(items),
+        SchemaKind::Struct(fields) => fields
+            .iter()
+            .map(|(name, field)| format!("{name}: {}, ", described(field)))
+            .collect(),
+        SchemaKind::Enum(variants) => variants
+            .iter()
+            .map(|(name, content)| format!("{name} {}, ", content.map(described).unwrap_or_default()))
+            .collect(),
+    };
+    let optional = if is_optional(schema) { "?" } else { "" };
+    format!("{}{optional} {{{content}}}", kind.name())
+}
+
 /// Whether a value is optional.
 pub fn is_optional(schema: &Object) -> bool {
     let null = |key: &str| {
@@ -340,5 +367,47 @@ fn add(path: &str, schema: &Object, found: &mut Vec<Field>) {
         content
             .into_iter()
             .for_each(|(name, field)| add(&format!("{path}.{name}"), field, found));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    macro_rules! message {
+        ($name:ident, { $($variants:tt)* }, { $($fields:tt)* }) => {
+            mod $name {
+                #[derive(schemars::JsonSchema)]
+                #[allow(dead_code, reason = "only its schema is read")]
+                pub enum Mode { $($variants)* }
+                #[derive(schemars::JsonSchema)]
+                #[allow(dead_code, reason = "only its schema is read")]
+                pub struct Message { $($fields)* }
+            }
+        };
+    }
+    message!(own, { Held, Flown(f32) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(commented, { /** Held. */ Held, Flown(f32) }, { pub at: f64, /** m/s */ pub mode: Option<Mode> });
+    message!(added, { Held, Flown(f32), Lost }, { pub at: f64, pub mode: Option<Mode> });
+    message!(swapped, { Flown(f32), Held }, { pub at: f64, pub mode: Option<Mode> });
+    message!(renamed, { Held, Moved(f32) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(wider, { Held, Flown(f64) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(reordered, { Held, Flown(f32) }, { pub mode: Option<Mode>, pub at: f64 });
+    message!(present, { Held, Flown(f32) }, { pub at: f64, pub mode: Mode });
+
+    #[test]
+    fn hash_of_a_changed_layout() {
+        fn hash<T: schemars::JsonSchema>() -> u64 {
+            super::hash(&super::of::<T>())
+        }
+        let own = hash::<own::Message>();
+        assert_eq!(hash::<commented::Message>(), own);
+        let others = [
+            hash::<added::Message>(),
+            hash::<swapped::Message>(),
+            hash::<renamed::Message>(),
+            hash::<wider::Message>(),
+            hash::<reordered::Message>(),
+            hash::<present::Message>(),
+        ];
+        assert!(!others.contains(&own), "{own} {others:?}");
     }
 }

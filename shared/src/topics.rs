@@ -6,6 +6,7 @@ use schemars::Schema;
 use serde_json::{Value, json};
 
 use crate::time::{DroneClock, Span, VesselClock};
+use crate::wire::hash_record;
 use crate::{msg, schema};
 
 /// Medium of a topic.
@@ -115,14 +116,20 @@ impl Topic {
     /// Message version for Zenoh: the part after `;` in each message's encoding `application/octet-stream`.
     /// The key determines topic and type.
     pub fn encoding_schema() -> String {
-        msg::MESSAGE_VERSION.to_string()
+        format!("{:04x}", msg::message_version())
+    }
+    /// Hash of the message's layout in memory: names, types and variants of its fields in order, size, and the compiler,
+    /// which places the content of `Option` and enumerations. The rest is `repr(C)`.
+    pub fn layout(&self) -> u64 {
+        let fields = schema::hash(&(self.schema)());
+        hash_record(&(self.message, fields, self.bytes, env!("ALIGHT_COMPILER"))).unwrap_or_default()
     }
     /// Topic with the schema of its message, for other programs.
     pub fn described(&self) -> Value {
         json!({
             "topic": self.name,
             "message": self.type_name(),
-            "version": msg::MESSAGE_VERSION,
+            "version": msg::message_version(),
             "medium": self.medium.name(),
             "rate_hz": self.rate_hz,
             "max_bytes": self.bytes,

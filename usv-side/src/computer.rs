@@ -12,6 +12,7 @@ use alight_shared::process::ProcessKind;
 use alight_shared::radio::RadioTopic;
 use alight_shared::time::{DroneClock, Time, VesselClock};
 use alight_shared::wire::{self, WireError};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 mod crew;
@@ -144,7 +145,7 @@ pub struct VesselNodes {
 }
 
 /// State that must survive a restart of the process or the computer.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
 pub struct VesselCheckpoint {
     /// Owner of the deck, and drones that have asked for it.
     pub deck: DeckCheckpoint,

@@ -3,8 +3,8 @@
 use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::msg::{
-    CourseAdvice, DeckDimensions, EstimateUpdate, Header, MAX_SOURCES, MESSAGE_VERSION, Message, TimeReply,
-    TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate,
+    CourseAdvice, DeckDimensions, EstimateUpdate, Header, MAX_SOURCES, Message, TimeReply, TimeRequest,
+    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate, message_version,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -291,7 +291,7 @@ impl VesselNode {
             let asked = &request.message.header;
             if request.sender != Sender::Drone(asked.drone) {
                 self.rejected.count(RejectionReason::Sender);
-            } else if asked.version != MESSAGE_VERSION || request.at > now {
+            } else if asked.version != message_version() || request.at > now {
                 self.rejected.count(RejectionReason::Version);
             } else if asked.vessel != self.vessel {
                 self.rejected.count(RejectionReason::Vessel);

@@ -7,7 +7,7 @@
 //! - A landing that another sender orders within [`UNAWARE_OF_ABORT`] of an abort is rejected.
 
 use super::{RejectionReason, Rejections};
-use crate::msg::{CommandKind, Header, MESSAGE_VERSION, OperatorCommand};
+use crate::msg::{CommandKind, Header, OperatorCommand, message_version};
 use crate::time::{Clock, Span, Time};
 use crate::topics;
 
@@ -105,7 +105,7 @@ impl<C: Clock> CommandAdmission<C> {
     }
     fn admit(&mut self, now: Time<C>, command: &OperatorCommand<C>) -> Result<(), RejectionReason> {
         let h = &command.header;
-        if h.version != MESSAGE_VERSION {
+        if h.version != message_version() {
             return Err(RejectionReason::Version);
         }
         if self.is_repeated(command) {

@@ -16,12 +16,12 @@ pub use rejection::{RejectionReason, Rejections};
 pub use retransmission::Retransmission;
 pub use sender::{Arrival, Sender};
 
-use crate::msg::{Header, MESSAGE_VERSION, Message};
+use crate::msg::{Header, Message, message_version};
 use crate::time::Clock;
 
 /// Checks version and content of a message.
 pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {
-    if message.header().version != MESSAGE_VERSION {
+    if message.header().version != message_version() {
         return Err(RejectionReason::Version);
     }
     message.check().map_err(|_field| RejectionReason::OutOfRange)
@@ -29,7 +29,7 @@ pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {
 
 /// Checks that a header concerns this vessel, and this drone or any (drone 0).
 pub fn check_identity<C: Clock>(header: &Header<C>, vessel: u32, drone: u32) -> Result<(), RejectionReason> {
-    if header.version != MESSAGE_VERSION {
+    if header.version != message_version() {
         return Err(RejectionReason::Version);
     }
     if header.vessel != vessel {

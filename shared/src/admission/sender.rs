@@ -1,5 +1,6 @@
 //! Sender of a message: the name in its key. Access control binds that name to the publisher's certificate.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::RejectionReason;
@@ -7,7 +8,7 @@ use crate::time::{Clock, Time};
 
 /// Publisher of a message by its key `alight/NAME/TOPIC`. The sender stated in the message must match it, so
 /// that a certificate permits only messages under its own name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 pub enum Sender {
     /// `vessel-N`.
     Vessel(u32),

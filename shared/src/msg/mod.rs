@@ -52,6 +52,7 @@ mod state;
 mod station;
 mod text;
 pub mod update;
+mod version;
 pub mod vessel;
 
 pub use aboard::{
@@ -93,6 +94,7 @@ pub use state::{Phase, State};
 pub use station::{KeptStation, MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 pub use text::Text;
 pub use update::{EstimateRest, EstimateUpdate, UpdateReceiver, WaveSender, WaveUpdate};
+pub use version::message_version;
 pub use vessel::{
     CourseAdvice, MAX_MODES, PREDICTION_STAGES, PredictedStage, SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS,
     TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
@@ -102,9 +104,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::time::{Clock, Time};
-
-/// Version of all message layouts; a receiver rejects any other.
-pub const MESSAGE_VERSION: u16 = 33;
 
 /// Identity, order and time of validity of a message.
 #[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
@@ -121,20 +120,20 @@ pub struct Header<C: Clock> {
     pub vessel: u32,
     /// Number of the drone concerned; 0: any drone.
     pub drone: u32,
-    /// [`MESSAGE_VERSION`] of the sender.
+    /// [`message_version`] of the sender.
     pub version: u16,
 }
 
 impl<C: Clock> Header<C> {
     /// Header with the current version.
-    pub const fn new(vessel: u32, drone: u32, boot: u32, sequence: u32, at: Time<C>) -> Self {
+    pub fn new(vessel: u32, drone: u32, boot: u32, sequence: u32, at: Time<C>) -> Self {
         Header {
             at,
             boot,
             sequence,
             vessel,
             drone,
-            version: MESSAGE_VERSION,
+            version: message_version(),
         }
     }
     /// Whether it follows `last` of the same sender: a higher sequence number, or another boot.
@@ -153,7 +152,7 @@ impl<C: Clock> Header<C> {
         }
     }
     /// Header of this sender with a time that counts as outdated: one day before its clock began.
-    pub const fn outdated(&self) -> Header<C> {
+    pub fn outdated(&self) -> Header<C> {
         let at = Time::from_nanos(-86_400_000_000_000);
         Header::new(self.vessel, self.drone, self.boot, 0, at)
     }

@@ -10,7 +10,7 @@ use iceoryx2::sample::Sample;
 use iceoryx2::service::builder::publish_subscribe;
 use iceoryx2::service::port_factory;
 
-use crate::instance::{Ipc, defined, required, service_name};
+use crate::instance::{Ipc, service_name};
 use crate::{TransportContext, TransportError};
 
 const BUFFER: usize = 2;
@@ -88,7 +88,7 @@ pub(crate) struct ImageServices {
 impl ImageServices {
     pub(super) fn create(node: &Node<Ipc>) -> Result<ImageServices, TransportError> {
         let create = |topic: ImageTopic| {
-            let created = messages(node, topic)?.create_with_attributes(&defined()?);
+            let created = messages(node, topic)?.create();
             created.doing(|| format!("creating {}", topic.name()))
         };
         let held = ImageTopic::ALL.into_iter().map(create);
@@ -111,9 +111,7 @@ impl ImagePublisher {
         bytes: usize,
     ) -> Result<ImagePublisher, TransportError> {
         let doing = || format!("publishing {}", topic.name());
-        let service = messages(node, topic)?
-            .open_with_attributes(&required()?)
-            .doing(doing)?;
+        let service = messages(node, topic)?.open().doing(doing)?;
         let port = service
             .publisher_builder()
             .initial_max_slice_len(bytes)
@@ -156,7 +154,7 @@ impl ImageSubscriber {
     pub(super) fn open(node: &Node<Ipc>, topic: ImageTopic) -> Result<ImageSubscriber, TransportError> {
         let doing = || format!("reading {}", topic.name());
         let port = messages(node, topic)?
-            .open_with_attributes(&required()?)
+            .open()
             .doing(doing)?
             .subscriber_builder()
             .buffer_size(BUFFER)

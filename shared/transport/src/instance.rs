@@ -3,10 +3,8 @@
 use std::path::PathBuf;
 
 use iceoryx2::prelude::*;
-use iceoryx2::service::attribute::{AttributeDefinitionError, AttributeKey, AttributeValue};
 
 use crate::{TransportContext, TransportError};
-use alight_shared::msg::MESSAGE_VERSION;
 
 /// iceoryx2 service type: inter-process, each port used by one thread.
 pub(super) type Ipc = ipc::Service;
@@ -21,34 +19,6 @@ const SOCKET_NAME: usize = 1 + 32 + 6;
 
 pub(super) fn service_name(name: &str) -> Result<ServiceName, TransportError> {
     ServiceName::new(name).doing(|| format!("naming the service {name}"))
-}
-
-/// Adds a service's attributes: versions of message layout and program. Processes open a service only if both
-/// match, so only those of one program share it.
-fn attributes<A>(
-    empty: A,
-    add: impl Fn(A, &AttributeKey, &AttributeValue) -> Result<A, AttributeDefinitionError>,
-) -> Result<A, TransportError> {
-    let message = MESSAGE_VERSION.to_string();
-    let all = [
-        ("alight.message_version", message.as_str()),
-        ("alight.version", env!("CARGO_PKG_VERSION")),
-    ];
-    all.into_iter().try_fold(empty, |sum, (key, value)| {
-        let doing = || format!("naming the attribute {key} = {value} of a service");
-        let name = AttributeKey::try_from(key).doing(doing)?;
-        add(sum, &name, &AttributeValue::try_from(value).doing(doing)?).doing(doing)
-    })
-}
-pub(super) fn defined() -> Result<AttributeSpecifier, TransportError> {
-    attributes(AttributeSpecifier::new(), |all, key, value| {
-        all.define(key, value)
-    })
-}
-pub(super) fn required() -> Result<AttributeVerifier, TransportError> {
-    attributes(AttributeVerifier::new(), |all, key, value| {
-        all.require(key, value)
-    })
 }
 
 /// Set of processes on one computer; several may run in parallel under different names.

@@ -13,12 +13,14 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 
 use crate::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
 pub use crate::instance::Instance;
-use crate::instance::{Ipc, defined, required, service_name};
+use crate::instance::{Ipc, service_name};
 use crate::signal::end_requested;
 use crate::statistics::InputStatistics;
 use crate::{TransportContext, TransportError, warnings};
@@ -104,21 +106,30 @@ impl Memory {
             .max_nodes(NODES)
             .event_id_max_value(1))
     }
+    /// Opens the service of a message whose layout has this hash.
+    fn open<T: Plain>(&self, layout: u64, doing: impl Fn() -> String) -> Result<Service<T>, TransportError> {
+        let (name, value) = layout_attribute(layout)?;
+        let required = AttributeVerifier::new().require(&name, &value).doing(&doing)?;
+        let opened = self.messages::<T>()?.open_with_attributes(&required);
+        opened.map_err(|e| match e {
+            PublishSubscribeOpenError::IncompatibleAttributes => TransportError {
+                doing: doing(),
+                what: "the processes of this instance are of another build, with another layout of this message: end \
+                       them, and start all from one program"
+                    .into(),
+            },
+            e => TransportError::because(doing(), e),
+        })
+    }
     pub fn publisher<T: Plain>(&self) -> Result<Publisher<T>, TransportError> {
         let doing = || format!("publishing {}", T::TOPIC.name);
-        let messages = self
-            .messages::<T>()?
-            .open_with_attributes(&required()?)
-            .doing(doing)?;
+        let messages = self.open::<T>(T::TOPIC.layout(), doing)?;
         let port = messages
             .publisher_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .create()
             .doing(doing)?;
-        let events = self
-            .events(T::TOPIC)?
-            .open_with_attributes(&required()?)
-            .doing(doing)?;
+        let events = self.events(T::TOPIC)?.open().doing(doing)?;
         Ok(Publisher {
             port,
             notifier: events.notifier_builder().create().doing(doing)?,
@@ -127,10 +138,7 @@ impl Memory {
     }
     pub fn subscriber<T: Plain>(&self) -> Result<Subscriber<T>, TransportError> {
         let doing = || format!("reading {}", T::TOPIC.name);
-        let messages = self
-            .messages::<T>()?
-            .open_with_attributes(&required()?)
-            .doing(doing)?;
+        let messages = self.open::<T>(T::TOPIC.layout(), doing)?;
         let port = messages
             .subscriber_builder()
             .buffer_size(T::TOPIC.buffer)
@@ -150,16 +158,22 @@ impl Memory {
     }
     pub fn listener<T: Plain>(&self) -> Result<Listener, TransportError> {
         let doing = || format!("listening for {}", T::TOPIC.name);
-        let events = self
-            .events(T::TOPIC)?
-            .open_with_attributes(&required()?)
-            .doing(doing)?;
+        let events = self.events(T::TOPIC)?.open().doing(doing)?;
         let port = events.listener_builder().create().doing(doing)?;
         Ok(Listener { port })
     }
 }
 
 type MessageBuilder<T> = iceoryx2::service::builder::publish_subscribe::Builder<Sample<T>, (), Ipc>;
+type Service<T> = publish_subscribe::PortFactory<Ipc, Sample<T>, ()>;
+
+/// Attribute of a service: hash of its message's layout. A process with another layout cannot open the service.
+fn layout_attribute(layout: u64) -> Result<(AttributeKey, AttributeValue), TransportError> {
+    let doing = || "naming the layout of a message".to_owned();
+    let key = AttributeKey::try_from("alight.layout").doing(doing)?;
+    let value = AttributeValue::try_from(format!("{layout:016x}").as_str()).doing(doing)?;
+    Ok((key, value))
+}
 
 type Held = (Box<dyn core::any::Any>, event::PortFactory<Ipc>);
 
@@ -189,14 +203,12 @@ impl plain::Visitor for Created<'_> {
     fn visit<T: Plain>(&mut self) -> Result<(), TransportError> {
         let Created(memory, held) = self;
         let doing = || format!("creating {}", T::TOPIC.name);
-        let messages: publish_subscribe::PortFactory<Ipc, Sample<T>, ()> = memory
+        let (name, value) = layout_attribute(T::TOPIC.layout())?;
+        let messages: Service<T> = memory
             .messages::<T>()?
-            .create_with_attributes(&defined()?)
+            .create_with_attributes(&AttributeSpecifier::new().define(&name, &value).doing(doing)?)
             .doing(doing)?;
-        let events = memory
-            .events(T::TOPIC)?
-            .create_with_attributes(&defined()?)
-            .doing(doing)?;
+        let events = memory.events(T::TOPIC)?.create().doing(doing)?;
         held.push((Box::new(messages), events));
         Ok(())
     }
@@ -366,6 +378,14 @@ mod tests {
             .iter()
             .filter(|t| t.medium == Medium::Memory);
         assert_eq!(services.held.len(), topics.count() + 1);
+
+        let doing = || "reading".to_owned();
+        let other = memory.open::<SetPoint>(SetPoint::TOPIC.layout() ^ 1, doing);
+        let refused = other.err().unwrap().to_string();
+        assert!(
+            refused.contains("another build, with another layout"),
+            "{refused}"
+        );
 
         let mut ranges = memory.publisher::<RangeSample>().unwrap();
         let wake = memory.listener::<RangeSample>().unwrap();

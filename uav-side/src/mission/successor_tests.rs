@@ -110,7 +110,7 @@ fn successor_without_a_sound_checkpoint() {
     for (bad, why) in [
         (None, None),
         (Some(MissionCheckpoint::default()), None),
-        (change(|m| m.header.version -= 1), Some(Version)),
+        (change(|m| m.header.version ^= 1), Some(Version)),
         (change(|m| m.state.header.version -= 1), Some(Damaged)),
         (change(|m| m.header.drone = 2), Some(OtherDrone)),
         (change(|m| m.header.at = at(4.0)), Some(Age)),

@@ -3,9 +3,10 @@
 use alight_shared::admission::Sender;
 use alight_shared::msg::{Closure, OperatorCommand};
 use alight_shared::time::VesselClock;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, JsonSchema, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Claim {
     #[default]
@@ -18,7 +19,7 @@ pub enum Claim {
     OnDeck,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 pub struct DroneClaim {
     pub drone: u32,
     pub boot: u32,
@@ -28,7 +29,7 @@ pub struct DroneClaim {
     pub inside: bool,
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 pub struct DeckCheckpoint {
     pub owner: Option<u32>,
     /// Reason why the deck is closed; None: it is open.
@@ -48,7 +49,7 @@ impl DeckCheckpoint {
 }
 
 /// Operator command known to the vessel, with its original time.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, JsonSchema, Serialize, Deserialize)]
 pub struct GivenCommand {
     pub operator: Sender,
     /// Command with boot and sequence of the operator's message; its repetitions are rejected.

@@ -89,7 +89,7 @@ impl DroneMonitor {
 mod tests {
     use super::*;
     use alight_shared::admission::Sender;
-    use alight_shared::msg::{Header, MESSAGE_VERSION, State};
+    use alight_shared::msg::{Header, State, message_version};
     use alight_shared::time::Time;
 
     fn status(vessel: u32, drone: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
@@ -114,7 +114,7 @@ mod tests {
         let mut nan = status(1, 4, 3, State::Landed);
         nan.message.battery = Some(f64::NAN);
         let mut version = status(1, 4, 3, State::Landed);
-        version.message.header.version = MESSAGE_VERSION + 1;
+        version.message.header.version = message_version() ^ 1;
         let foreign = status(2, 4, 3, State::Landed);
         let repeated = status(1, 4, 2, State::Landed);
         for bad in [foreign, repeated, nan, version] {

@@ -20,7 +20,6 @@ use crate::config::VesselComputerConfig;
 use crate::exit::CliError;
 use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
 
-const LAYOUT: u32 = 7;
 const FIRST: &[u8] = b"\"open\"";
 
 fn owner(vessel: u32) -> String {
@@ -28,7 +27,7 @@ fn owner(vessel: u32) -> String {
 }
 
 fn encode(vessel: u32, kept: &VesselCheckpoint) -> Result<Vec<u8>, String> {
-    to_file(LAYOUT, &owner(vessel), kept).map_err(|e| e.to_string())
+    to_file(&owner(vessel), kept).map_err(|e| e.to_string())
 }
 
 /// Content of a vessel's file; None if it is missing. The error explains why the content is unknown.
@@ -39,7 +38,7 @@ pub fn load(path: &Path, vessel: u32) -> Result<Option<VesselCheckpoint>, String
     if bytes == FIRST {
         return Ok(Some(VesselCheckpoint::default()));
     }
-    let kept = of_file(LAYOUT, &owner(vessel), &bytes);
+    let kept = of_file(&owner(vessel), &bytes);
     kept.map(Some).map_err(|why| format!("it is invalid: {why}"))
 }
 
@@ -263,10 +262,7 @@ mod tests {
             ("cut", whole[..whole.len() - 7].to_vec()),
             ("empty", Vec::new()),
             ("one bit", flipped),
-            (
-                "another layout",
-                to_file(LAYOUT - 1, &owner(1), &occupied()).unwrap(),
-            ),
+            ("another layout", to_file(&owner(1), &(occupied(), true)).unwrap()),
             ("of another vessel", encode(2, &occupied()).unwrap()),
             ("too long", vec![b' '; 1 << 17]),
         ];

@@ -5,7 +5,7 @@ use alight_computer::cells;
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::table::{Cell, Table};
 use alight_computer::terminal::{self, WIDTH, wrap};
-use alight_shared::msg::MESSAGE_VERSION;
+use alight_shared::msg::message_version;
 use alight_shared::schema::{self, LineFormat};
 use alight_shared::topics::{self, Medium, Topic};
 use clap::Args;
@@ -56,7 +56,7 @@ pub fn run(args: &SchemaArgs, lines: &[LineFormat]) -> Result<Exit, CliError> {
     }
     if args.json {
         let described: Vec<_> = shown.iter().map(|t| t.described()).collect();
-        terminal::line(json!({ "message_version": MESSAGE_VERSION, "topics": described }));
+        terminal::line(json!({ "message_version": message_version(), "topics": described }));
     } else if args.topic.is_some() {
         let texts: Vec<String> = shown.iter().map(|t| topic_fields(t)).collect();
         terminal::line(texts.join("\n\n"));
@@ -89,17 +89,19 @@ fn list(topics: &[&Topic]) -> String {
         ]);
     }
     format!(
-        "{}\nMessage version {MESSAGE_VERSION}. Bytes: the most on the radio, the size in memory.\n\
+        "{}\nMessage version {}. Bytes: the most on the radio, the size in memory.\n\
          After `stale s` a message counts as missing.\nFields of one: alight config schema estimate. For programs: --json",
-        table.text()
+        table.text(),
+        message_version(),
     )
 }
 
 fn topic_fields(topic: &Topic) -> String {
     let mut lines = vec![format!(
-        "{}: {}, version {MESSAGE_VERSION}, {}, {} Hz, {} bytes",
+        "{}: {}, version {}, {}, {} Hz, {} bytes",
         topic.name,
         topic.type_name(),
+        message_version(),
         topic.medium.name(),
         topic.rate_hz,
         topic.bytes,

@@ -12,7 +12,7 @@ use alight_shared::admission::Retransmission;
 use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{
     Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
-    MESSAGE_VERSION, OperatorCommand,
+    OperatorCommand, message_version,
 };
 use alight_shared::time::{Span, SteadyClock, Time, VesselClock};
 use alight_shared::{topics, wire};
@@ -81,7 +81,7 @@ impl Ashore {
         let own = r.operator == [h.boot, h.sequence]
             && Some(r.header.drone) == self.number
             && r.header.vessel == h.vessel;
-        if r.header.version == MESSAGE_VERSION && own {
+        if r.header.version == message_version() && own {
             if self.receipt != Some(r.progress) {
                 self.receipt_looks = self.looks;
             }
@@ -91,12 +91,12 @@ impl Ashore {
     fn receive_status(&mut self, status: DroneStatus) {
         let drone = status.header.drone;
         let room = self.drones.len() < MAX_DRONES || self.drones.contains_key(&drone);
-        if status.header.version == MESSAGE_VERSION && room {
+        if status.header.version == message_version() && room {
             self.drones.insert(drone, status);
         }
     }
     fn receive_grant(&mut self, grant: &DeckGrant<VesselClock>) {
-        if grant.header.version == MESSAGE_VERSION {
+        if grant.header.version == message_version() {
             let named = |n: &u32| *n != 0 && *n != DECK_CLOSED;
             self.reserved = grant
                 .places
