@@ -9,9 +9,9 @@ config! {
         /// none. Source: Above the planner's, because a set-point takes microseconds and a plan milliseconds. Both
         /// are below the kernel's own threads (50).
         pub pilot_priority: u8 = 30, in 0.0..=49.0;
-        /// Real-time priority of the planner; 0: none.
+        /// Real-time priority of the planner; 0: none. Predictor and mission have one between these two.
         pub planner_priority: u8 = 20, in 0.0..=49.0;
-        /// Processors on which pilot, planner and the autopilot's link run; empty: all.
+        /// Processors on which these processes run; empty: all.
         pub processors: Vec<u16> = Vec::new();
         /// The autopilot's link is one of the processes; false if another program connects to the autopilot. Source:
         /// Most drones connect directly.

@@ -21,9 +21,13 @@ use crate::process::service::{self, ComputerService};
 
 impl Supervision {
     fn scheduling(&self, kind: ProcessKind) -> Scheduling {
+        // What a set-point rests on does not wait for other programs, nor the pilot for it.
+        let between = self.pilot_priority.midpoint(self.planner_priority);
         let priorities = [
             (ProcessKind::Pilot, self.pilot_priority),
             (ProcessKind::Autopilot, self.pilot_priority),
+            (ProcessKind::Predictor, between),
+            (ProcessKind::Mission, between),
             (ProcessKind::Planner, self.planner_priority),
         ];
         let Some((_, priority)) = priorities.into_iter().find(|(k, _)| *k == kind) else {
@@ -76,6 +80,10 @@ mod tests {
         assert_eq!(flags(ProcessKind::Pilot, true), "--realtime 30 --processors 2,3");
         assert_eq!(flags(ProcessKind::Pilot, false), "--processors 2,3");
         assert_eq!(flags(ProcessKind::Planner, true), "--processors 2,3");
+        assert_eq!(
+            flags(ProcessKind::Predictor, true),
+            "--realtime 15 --processors 2,3"
+        );
         assert_eq!(flags(ProcessKind::Bridge, true), "");
         let usual = Supervision::default()
             .scheduling(ProcessKind::Pilot)

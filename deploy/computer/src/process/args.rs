@@ -116,6 +116,14 @@ impl Scheduling {
             warn!("real-time priority {:?} is not permitted", self.realtime);
         }
     }
+    /// Locks the memory of a real-time process. Call it once the process has joined shared memory.
+    pub fn lock_memory(&self) {
+        if self.realtime.is_some() && !scheduling::lock_memory() {
+            warn!(
+                "not permitted to lock memory, so a page fault may delay a step: LimitMEMLOCK, or ulimit -l unlimited"
+            );
+        }
+    }
 }
 
 /// One of the drone's cameras.

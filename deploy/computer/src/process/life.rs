@@ -1,4 +1,6 @@
+use std::fs::File;
 use std::io::{ErrorKind, Read};
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,12 +12,14 @@ use alight_transport::clock::steady_ns;
 use alight_transport::statistics::Quantiles;
 use alight_transport::wake::end_requested;
 use alight_transport::warnings;
+use rustix::time::{ClockId, clock_gettime};
 
 use crate::exit::{CliError, Doing};
 use crate::process::lateness::Lateness;
 use crate::process::scheduling::begin_session;
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
+const STATM: &str = "/proc/self/statm";
 const STATE_PERIOD_NS: i64 = 500_000_000;
 
 pub struct Life {
@@ -27,6 +31,7 @@ pub struct Life {
     began_ns: i64,
     next_state_ns: i64,
     end: Arc<AtomicBool>,
+    statm: Option<File>,
     pub metrics: Metrics,
 }
 
@@ -42,6 +47,7 @@ impl Life {
             began_ns,
             next_state_ns: began_ns,
             end: end_with_supervisor(supervised),
+            statm: File::open(STATM).ok(),
             metrics: Metrics::default(),
         }
     }
@@ -68,7 +74,6 @@ impl Life {
             return None;
         }
         self.next_state_ns = now + STATE_PERIOD_NS;
-        let (cpu_s, resident_bytes) = usage();
         let mut metrics = self.metrics;
         for late in self.lateness.metrics() {
             // The capacity exceeds the number of metrics of any process.
@@ -85,8 +90,8 @@ impl Life {
             at_ns: now,
             began_ns: self.began_ns,
             steps: self.steps,
-            cpu_s,
-            resident_bytes,
+            cpu_s: processor_s(),
+            resident_bytes: resident_bytes(self.statm.as_ref()),
             step_p50_s: self.step_times.quantile(0.5),
             step_p99_s: self.step_times.quantile(0.99),
             unsent,
@@ -135,27 +140,21 @@ pub fn node_recorder(flight: &Path, name: &str, boot: u32, config: &Path) -> Res
     Ok(NodeRecorder::begin(flight, header))
 }
 
-/// Processor time, s, and resident memory, bytes, of this process; zero on systems other than Linux.
-pub fn usage() -> (f64, u64) {
-    // Linux counts processor time in hundredths of a second for user space, and pages of 4 kB.
-    const TICKS_PER_S: f64 = 100.0;
+/// Processor time of this process, s.
+fn processor_s() -> f64 {
+    let used = clock_gettime(ClockId::ProcessCPUTime);
+    used.tv_sec as f64 + used.tv_nsec as f64 * 1e-9
+}
+
+/// Resident memory of this process, bytes, from `statm` of proc(5), which is opened once; zero without it.
+fn resident_bytes(statm: Option<&File>) -> u64 {
     const PAGE: u64 = 4096;
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // Fields are counted after the command name, which is in parentheses and may contain spaces.
-    let after = stat.rsplit(')').next().unwrap_or_default();
-    let ticks: f64 = after
-        .split_whitespace()
-        .skip(11)
-        .take(2)
-        .filter_map(|f| f.parse::<f64>().ok())
-        .sum();
-    let memory = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    let pages: u64 = memory
-        .split_whitespace()
-        .nth(1)
-        .and_then(|f| f.parse().ok())
-        .unwrap_or(0);
-    (ticks / TICKS_PER_S, pages * PAGE)
+    let mut text = [0; 128];
+    let read = statm.and_then(|file| file.read_at(&mut text, 0).ok());
+    let text = text.get(..read.unwrap_or(0)).unwrap_or_default();
+    let mut fields = text.split(u8::is_ascii_whitespace);
+    let pages = fields.nth(1).and_then(|pages| core::str::from_utf8(pages).ok());
+    pages.and_then(|pages| pages.parse().ok()).unwrap_or(0) * PAGE
 }
 
 #[cfg(test)]
@@ -164,7 +163,7 @@ mod tests {
 
     #[test]
     fn processor_time_and_memory_of_a_process() {
-        let (cpu_s, bytes) = usage();
-        assert!(cpu_s >= 0.0 && bytes > 100_000, "{cpu_s} s, {bytes} bytes");
+        let bytes = resident_bytes(File::open(STATM).ok().as_ref());
+        assert!(processor_s() > 0.0 && bytes > 100_000, "{bytes} bytes");
     }
 }

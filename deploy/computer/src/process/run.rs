@@ -87,9 +87,12 @@ impl<N: Wired> Process<N> {
         let life = Life::begin(kind, boot, args.supervised);
         let join = |name| Ok::<_, CliError>(Memory::join(&Instance::new(name)?, kind.name())?);
         let memory = instance.map(join).transpose()?;
+        let row = Row::join(&memory, node)?;
+        let states = memory.writer()?;
+        args.scheduling.lock_memory();
         Ok(Process {
-            row: Row::join(&memory, node)?,
-            states: memory.writer()?,
+            row,
+            states,
             recorder,
             clock,
             last: Time::from_nanos(i64::MIN),

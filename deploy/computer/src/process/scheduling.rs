@@ -5,6 +5,7 @@ use std::{env, fs};
 
 use iceoryx2_bb_posix::process::Process;
 use iceoryx2_bb_posix::scheduler::Scheduler;
+use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::process::{getpriority_process, setpriority_process, setsid};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
@@ -66,6 +67,11 @@ pub fn set_real_time(priority: u8) -> bool {
 
 pub fn set_real_time_world() {
     set_real_time(WORLD_PRIORITY);
+}
+
+/// Keeps the present memory of this process, once used, from being reclaimed; false without permission.
+pub fn lock_memory() -> bool {
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::ONFAULT).is_ok()
 }
 
 /// Restores this thread's default scheduling if it has inherited another.

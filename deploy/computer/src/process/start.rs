@@ -6,11 +6,14 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader, ErrorKind};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::{SyncSender, TrySendError};
 
 use crate::io::store::STATE_VARIABLE;
 use crate::process::notify::SOCKET_VARIABLE;
 use crate::process::scheduling::session_variable;
+
+/// Maximum number of lines of standard output that wait for the starter.
+pub const MAX_LINES: usize = 4096;
 
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ProcessSurroundings<'a> {
@@ -26,7 +29,7 @@ pub struct ProcessSurroundings<'a> {
 pub fn start<W: AsRef<OsStr>>(
     arguments: impl IntoIterator<Item = W>,
     around: ProcessSurroundings<'_>,
-    lines: Sender<String>,
+    lines: SyncSender<String>,
 ) -> io::Result<Child> {
     let mut arguments = arguments.into_iter();
     let program = arguments.next().ok_or(ErrorKind::InvalidInput)?;
@@ -48,9 +51,12 @@ pub fn start<W: AsRef<OsStr>>(
         .spawn()?;
     if let Some(output) = child.stdout.take() {
         let read = move || {
-            let all = BufReader::new(output).lines().map_while(Result::ok);
-            all.take_while(|line| lines.send(line.clone()).is_ok())
-                .for_each(drop);
+            for line in BufReader::new(output).lines().map_while(Result::ok) {
+                // A full queue loses the line, because no process waits for its starter.
+                if let Err(TrySendError::Disconnected(_)) = lines.try_send(line) {
+                    break;
+                }
+            }
         };
         if let Err(e) = std::thread::Builder::new().spawn(read) {
             // Without a reader the child's pipe would fill up.

@@ -5,7 +5,7 @@ use std::fmt;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Child;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 use alight_shared::node::Node;
@@ -16,7 +16,7 @@ use alight_transport::clock::steady_ns;
 use crate::config::view::ViewConfig;
 use crate::exit::{CliError, Doing};
 use crate::process::life::draw_boot;
-use crate::process::start::{ProcessSurroundings, start};
+use crate::process::start::{MAX_LINES, ProcessSurroundings, start};
 use crate::process::supervision::{Observed, SupervisorAction, SupervisorLimits, SupervisorNode};
 use crate::record::flight::recorder::{NodeRecorder, PartHeader};
 
@@ -43,7 +43,7 @@ pub struct Supervisor {
     state: Option<PathBuf>,
     /// Processes write errors to the supervisor's standard error, not to files.
     inherit_stderr: bool,
-    lines: (Sender<String>, Receiver<String>),
+    lines: (SyncSender<String>, Receiver<String>),
     /// As in flight, a process that cannot start does not end the others.
     keeps_others: bool,
     /// Events of a process's first start, returned by the next poll.
@@ -110,7 +110,7 @@ impl Supervisor {
             flight,
             state: None,
             inherit_stderr: false,
-            lines: channel(),
+            lines: sync_channel(MAX_LINES),
         })
     }
     /// Processes write errors to the supervisor's standard error: a service's journal keeps and rotates them.

@@ -6,11 +6,11 @@ use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::time::Duration;
 
 use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::start::{ProcessSurroundings, start};
+use alight_computer::process::start::{MAX_LINES, ProcessSurroundings, start};
 use alight_computer::process::supervisor::pause;
 use alight_transport::clock::steady_ns;
 use alight_transport::signal::{Signal, signal};
@@ -85,7 +85,7 @@ impl Service {
             state: Some(&self.directory),
             notified: Some(&socket),
         };
-        let (sender, lines) = channel();
+        let (sender, lines) = sync_channel(MAX_LINES);
         let arguments = self.arguments.join(OsStr::new(" "));
         let child = start(&self.arguments, around, sender);
         let child = child.doing(format_args!("starting {}", arguments.display()))?;
