@@ -136,9 +136,14 @@ pub fn files(directory: &Path, peers: Vec<String>) -> Result<TlsConfig, CliError
 fn write(path: &Path, text: &str) -> Result<(), CliError> {
     let mut options = OpenOptions::new();
     options.write(true).create_new(true).mode(0o600);
-    let written = options
-        .open(path)
-        .and_then(|mut file| file.write_all(text.as_bytes()));
+    let written = options.open(path).and_then(|mut file| {
+        let written = file.write_all(text.as_bytes()).and_then(|()| file.sync_all());
+        if written.is_err() {
+            // A key of 0 bytes on a full disk would be taken for an existing one.
+            let _gone = fs::remove_file(path);
+        }
+        written
+    });
     written.doing(format_args!(
         "writing {} (an existing file is never replaced: use it, or move it away to make a new one)",
         path.display()

@@ -1,8 +1,10 @@
 //! Check of an MCAP file's records before a reader allocates memory for them: the reader trusts a chunk's stated
 //! size, and a damaged size would end the program.
 
+use core::ops::Range;
+
 /// Maximum number of bytes in a chunk; ours are far smaller.
-const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
+pub const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
 /// Magic bytes at both ends of a file, and opcode of a chunk (MCAP specification, "Format").
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 const CHUNK: u8 = 0x06;
@@ -19,6 +21,8 @@ pub struct Outline {
     pub end: usize,
     /// Description of the invalid rest of the file; None: the file was finished.
     pub cut: Option<String>,
+    /// Places of the chunks, each with opcode and length.
+    pub chunks: Vec<Range<usize>>,
 }
 
 impl Outline {
@@ -27,44 +31,62 @@ impl Outline {
         if !file.starts_with(MAGIC) {
             return Err("it does not begin as an MCAP file does".into());
         }
-        let mut at = MAGIC.len();
-        let cut = |end, why: String| Ok(Outline { end, cut: Some(why) });
+        let mut outline = Outline {
+            end: MAGIC.len(),
+            cut: None,
+            chunks: Vec::new(),
+        };
         // Each iteration advances by at least 9 bytes, so the file's length bounds the loop.
-        while let Some(opcode) = file.get(at).copied() {
-            if file.get(at..) == Some(MAGIC) {
-                return Ok(Outline { end: at, cut: None });
+        while let Some(opcode) = file.get(outline.end).copied() {
+            if file.get(outline.end..) == Some(MAGIC) {
+                return Ok(outline);
             }
-            let Some(length) = number(file, at + 1) else { break };
-            let begin = at + 9;
-            let end = usize::try_from(length)
-                .ok()
-                .and_then(|l| begin.checked_add(l))
-                .filter(|e| *e <= file.len());
-            let Some(end) = end else {
-                return cut(
-                    at,
-                    format!("the record at byte {at} claims {length} bytes, more than the file has"),
-                );
-            };
-            // A chunk begins with two times, followed by its uncompressed size.
-            if opcode == CHUNK
-                && let Some(size) = number(file, begin + 16)
-                && size > MAX_CHUNK_BYTES
-            {
-                return cut(
-                    at,
-                    format!(
-                        "the chunk at byte {at} claims {size} bytes; at most {MAX_CHUNK_BYTES} are accepted"
-                    ),
-                );
+            match record_end(file, outline.end, opcode) {
+                Ok(end) => {
+                    if opcode == CHUNK {
+                        outline.chunks.push(outline.end..end);
+                    }
+                    outline.end = end;
+                }
+                Err(why) => {
+                    outline.cut = Some(why);
+                    return Ok(outline);
+                }
             }
-            if opcode == NONE {
-                return cut(at, format!("byte {at} begins no record"));
-            }
-            at = end;
         }
-        cut(at, "it ends within a record; it may have been cut off".into())
+        outline.cut = Some(CUT_OFF.into());
+        Ok(outline)
     }
+}
+
+const CUT_OFF: &str = "it ends within a record; it may have been cut off";
+
+/// End of the record at byte `at`.
+fn record_end(file: &[u8], at: usize, opcode: u8) -> Result<usize, String> {
+    let length = number(file, at + 1).ok_or(CUT_OFF)?;
+    let begin = at + 9;
+    let end = usize::try_from(length)
+        .ok()
+        .and_then(|l| begin.checked_add(l))
+        .filter(|e| *e <= file.len());
+    let Some(end) = end else {
+        return Err(format!(
+            "the record at byte {at} claims {length} bytes, more than the file has"
+        ));
+    };
+    // A chunk begins with two times, followed by its uncompressed size.
+    if opcode == CHUNK
+        && let Some(size) = number(file, begin + 16)
+        && size > MAX_CHUNK_BYTES
+    {
+        return Err(format!(
+            "the chunk at byte {at} claims {size} bytes; at most {MAX_CHUNK_BYTES} are accepted"
+        ));
+    }
+    if opcode == NONE {
+        return Err(format!("byte {at} begins no record"));
+    }
+    Ok(end)
 }
 
 #[cfg(test)]

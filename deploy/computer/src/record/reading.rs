@@ -9,13 +9,15 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use alight_shared::wire::{self, WireError};
-use mcap::read::{ChunkReader, LinearReader, Options};
+use mcap::parse_record;
+use mcap::read::{LinearReader, Options};
 use mcap::records::Record;
+use mcap::sans_io::linear_reader::{self, LinearReadEvent, LinearReaderOptions};
 use serde::de::DeserializeOwned;
 
 use crate::exit::{CliError, Doing};
 use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
-use crate::record::outline::Outline;
+use crate::record::outline::{MAX_CHUNK_BYTES, Outline};
 use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
 
 const OF_FLIGHTS: &str = "alight flights lists the recorded ones";
@@ -175,6 +177,21 @@ fn records(file: &[u8]) -> Result<LinearReader<'_>, String> {
     LinearReader::new_with_options(file, Options::IgnoreEndMagic.into()).map_err(|e| e.to_string())
 }
 
+/// Reader of the records in a chunk. A record is at most as long as a chunk: [`mcap::read::ChunkReader`] allocates the
+/// length that a damaged record states.
+fn chunk_reader(chunk: &[u8]) -> linear_reader::LinearReader {
+    let mut reader = linear_reader::LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_validate_chunk_crcs(true)
+            .with_record_length_limit(MAX_CHUNK_BYTES as usize),
+    );
+    reader.insert(chunk.len()).copy_from_slice(chunk);
+    reader.notify_read(chunk.len());
+    reader
+}
+
 pub struct LogFile {
     pub headers: Vec<PartHeader>,
     /// Reason why the file has no end; None: the file was finished.
@@ -216,17 +233,15 @@ impl LogFile {
     }
     /// Reads the steps; returns the reason if the file has no end.
     fn take_steps(&mut self, file: &[u8]) -> Result<Option<String>, String> {
-        let Outline { end, cut } = Outline::of(file)?;
+        let Outline { end, cut, chunks } = Outline::of(file)?;
         let mut channels = BTreeMap::new();
+        let mut chunks = chunks.into_iter();
         for record in records(file.get(..end).unwrap_or_default())? {
-            let (header, data) = match record.map_err(|e| e.to_string())? {
-                Record::Chunk { header, data } => (header, data),
-                _ => continue,
+            let Record::Chunk { .. } = record.map_err(|e| e.to_string())? else {
+                continue;
             };
-            let taken = ChunkReader::new(header, &data)
-                .map_err(|e| e.to_string())
-                .and_then(|chunk| self.take_chunk(chunk, &mut channels));
-            match (taken, &cut) {
+            let chunk = chunks.next().and_then(|place| file.get(place));
+            match (self.take_chunk(chunk.unwrap_or_default(), &mut channels), &cut) {
                 (Ok(()), _) => {}
                 // The disk had begun this chunk when power was lost.
                 (Err(e), Some(_)) => return Ok(Some(e)),
@@ -235,15 +250,19 @@ impl LogFile {
         }
         Ok(cut)
     }
-    fn take_chunk(
-        &mut self,
-        chunk: ChunkReader<'_>,
-        channels: &mut BTreeMap<u16, usize>,
-    ) -> Result<(), String> {
+    fn take_chunk(&mut self, chunk: &[u8], channels: &mut BTreeMap<u16, usize>) -> Result<(), String> {
         let (marks, bytes) = (self.marks.len(), self.bytes.len());
-        let take = || -> Result<(), String> {
-            for record in chunk {
-                match record.map_err(|e| e.to_string())? {
+        let mut take = || -> Result<(), String> {
+            let mut reader = chunk_reader(chunk);
+            while let Some(event) = reader.next_event() {
+                let (opcode, data) = match event.map_err(|e| e.to_string())? {
+                    LinearReadEvent::Record { opcode, data } => (opcode, data),
+                    LinearReadEvent::ReadRequest(_) => {
+                        reader.notify_read(0);
+                        continue;
+                    }
+                };
+                match parse_record(opcode, data).map_err(|e| e.to_string())? {
                     Record::Channel(c) if c.message_encoding == ENCODING => {
                         let headers = &self.headers;
                         let is_own =

@@ -272,10 +272,20 @@ fn router(shared: Shared) -> Router {
         .with_state(shared)
 }
 
-/// Marks the connection as one with a complete request, which takes precedence.
+/// Marks the connection as one with a complete request, which takes precedence, and answers only requests by a name
+/// that no foreign page can direct to this computer.
 async fn complete(ConnectInfo(peer): ConnectInfo<ViewerPeer>, request: Request, next: Next) -> Response {
     peer.has_asked();
-    next.run(request).await
+    let mut hosts = request.headers().get_all(HOST).iter();
+    if hosts.all(|host| host.to_str().is_ok_and(is_local)) {
+        next.run(request).await
+    } else {
+        (
+            StatusCode::FORBIDDEN,
+            "open the page by the computer's address instead of a name\n",
+        )
+            .into_response()
+    }
 }
 
 /// Headers that forbid foreign content, embedding in another page, and caching.
@@ -382,6 +392,12 @@ fn is_address(host: &str) -> bool {
     let bare = host.trim_start_matches('[').trim_end_matches(']');
     let name = host.split_once(':').map_or(host, |(name, _)| name);
     host.parse::<SocketAddr>().is_ok() || bare.parse::<IpAddr>().is_ok() || name == "localhost"
+}
+
+/// Whether `host` is an address, or a name that only the local network resolves.
+fn is_local(host: &str) -> bool {
+    let name = host.split_once(':').map_or(host, |(name, _)| name);
+    is_address(host) || !name.contains('.') || name.ends_with(".local")
 }
 
 #[cfg(test)]

@@ -81,6 +81,17 @@ fn viewers_page_over_loopback() {
     assert!(ask(to, "GET", "/state", &host).starts_with("HTTP/1.1 503"));
     server.show(picture("Approach"));
     assert!(ask(to, "GET", "/state", &host).contains("\"name\":\"Approach\""));
+    for (named, code) in [
+        ("boat.local", 200),
+        ("boat:7450", 200),
+        ("127.0.0.1.evil.example", 403),
+    ] {
+        let answer = ask(to, "GET", "/state", &format!("Host: {named}\r\n"));
+        assert!(
+            answer.starts_with(&format!("HTTP/1.1 {code}")),
+            "{named}: {answer}"
+        );
+    }
     assert!(ask(to, "GET", "/camera.jpg?1", &host).starts_with("HTTP/1.1 404"));
     server.show_camera(b"an image".into());
     let image = ask(to, "GET", "/camera.jpg?2", &host);
