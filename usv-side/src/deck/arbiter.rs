@@ -397,8 +397,12 @@ impl DeckArbiter {
         };
         let ready =
             self.began.is_some_and(|t| (now - t).secs() >= c.startup_hold_s) && !self.may_be_unknown(now);
-        // An owner that has not begun its descent gives way to a drone that has less charge.
-        let gives_way = |d: &Drone| next.is_some_and(|n| n.needs_deck_before(d)) && d.is_fresh(now);
+        // An owner that has not begun its descent gives way to a drone that has less charge. It must have been heard since
+        // the other's request: a silent owner does not learn that it has lost the deck.
+        let gives_way = |d: &Drone| {
+            let needed = next.is_some_and(|n| n.needs_deck_before(d) && now - n.since > FRESH);
+            needed && d.is_fresh(now)
+        };
         let assigned = match current {
             Some(d) if next.is_some() && idle(d) || gives_way(d) => None,
             Some(d) => Some(d),
