@@ -212,20 +212,30 @@ impl<'a> SchemaKind<'a> {
             return present.map_or(SchemaKind::Unknown, SchemaKind::of);
         }
         let variants = several("oneOf").into_iter().flatten().filter(|v| !is_null(v));
-        let variant = |v: &'a Object| match SchemaKind::of(v) {
-            SchemaKind::Enum(names) => names.first().map(|(name, _)| (*name, None)),
-            SchemaKind::Struct(content) => content.first().map(|(name, content)| (*name, Some(*content))),
-            SchemaKind::Number(_)
-            | SchemaKind::Bool
-            | SchemaKind::Text(_)
-            | SchemaKind::Array(..)
-            | SchemaKind::List(..)
-            | SchemaKind::Unknown => None,
-        };
-        let variants: Option<Vec<_>> = variants.map(variant).collect();
-        variants
-            .filter(|v| !v.is_empty())
-            .map_or(SchemaKind::Unknown, SchemaKind::Enum)
+        let mut found = Vec::new();
+        for variant in variants {
+            match SchemaKind::of(variant) {
+                // Variants without content and without comments share one schema.
+                SchemaKind::Enum(names) => found.extend(names),
+                SchemaKind::Struct(content) => {
+                    let Some((name, content)) = content.first() else {
+                        return SchemaKind::Unknown;
+                    };
+                    found.push((*name, Some(*content)));
+                }
+                SchemaKind::Number(_)
+                | SchemaKind::Bool
+                | SchemaKind::Text(_)
+                | SchemaKind::Array(..)
+                | SchemaKind::List(..)
+                | SchemaKind::Unknown => return SchemaKind::Unknown,
+            }
+        }
+        if found.is_empty() {
+            SchemaKind::Unknown
+        } else {
+            SchemaKind::Enum(found)
+        }
     }
     fn is_number(&self) -> bool {
         match self {
@@ -384,14 +394,14 @@ mod tests {
             }
         };
     }
-    message!(own, { Held, Flown(f32) }, { pub at: f64, pub mode: Option<Mode> });
-    message!(commented, { /** Held. */ Held, Flown(f32) }, { pub at: f64, /** m/s */ pub mode: Option<Mode> });
-    message!(added, { Held, Flown(f32), Lost }, { pub at: f64, pub mode: Option<Mode> });
-    message!(swapped, { Flown(f32), Held }, { pub at: f64, pub mode: Option<Mode> });
-    message!(renamed, { Held, Moved(f32) }, { pub at: f64, pub mode: Option<Mode> });
-    message!(wider, { Held, Flown(f64) }, { pub at: f64, pub mode: Option<Mode> });
-    message!(reordered, { Held, Flown(f32) }, { pub mode: Option<Mode>, pub at: f64 });
-    message!(present, { Held, Flown(f32) }, { pub at: f64, pub mode: Mode });
+    message!(own, { /** A. */ Held, /** B. */ Flown(f32) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(commented, { /** C. */ Held, /** D. */ Flown(f32) }, { pub at: f64, /** m/s */ pub mode: Option<Mode> });
+    message!(added, { /** A. */ Held, /** B. */ Flown(f32), /** C. */ Lost }, { pub at: f64, pub mode: Option<Mode> });
+    message!(swapped, { /** B. */ Flown(f32), /** A. */ Held }, { pub at: f64, pub mode: Option<Mode> });
+    message!(renamed, { /** A. */ Held, /** B. */ Moved(f32) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(wider, { /** A. */ Held, /** B. */ Flown(f64) }, { pub at: f64, pub mode: Option<Mode> });
+    message!(reordered, { /** A. */ Held, /** B. */ Flown(f32) }, { pub mode: Option<Mode>, pub at: f64 });
+    message!(present, { /** A. */ Held, /** B. */ Flown(f32) }, { pub at: f64, pub mode: Mode });
 
     #[test]
     fn hash_of_a_changed_layout() {
