@@ -23,6 +23,8 @@ const BATTERY_STALE: Span = Span::from_millis(5000);
 /// Validity of a landed state: three reports at the slowest rate, 1 Hz.
 const LANDED_STALE: Span = Span::from_millis(3000);
 const MAX_V: f64 = 500.0;
+/// Charge drawn from one battery, Ah; more is not a measurement.
+const MAX_USED_AH: f64 = 1e5;
 const MAX_BATTERIES: usize = 4;
 
 /// `BATTERY_STATUS`; None: not reported.
@@ -123,12 +125,13 @@ impl MavlinkPeer {
         let voltage_v = cells_mv.map(|mv| f64::from(*mv)).sum::<f64>() * 1e-3;
         let is_measured = voltage_v > 0.0 && voltage_v <= MAX_V;
         let current_a = (d.current_battery >= 0).then(|| f64::from(d.current_battery) * 0.01);
-        let used_ah = (d.current_consumed >= 0).then(|| f64::from(d.current_consumed) * 1e-3);
+        let used_ah = f64::from(d.current_consumed) * 1e-3;
+        let is_counted = (0.0..=MAX_USED_AH).contains(&used_ah);
         let report = BatteryReport {
             charge,
             voltage_v: is_measured.then_some(voltage_v),
             current_a,
-            used_ah,
+            used_ah: is_counted.then_some(used_ah),
         };
         *battery = Some((now, report));
     }
