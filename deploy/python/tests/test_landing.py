@@ -60,10 +60,10 @@ class Landing(unittest.TestCase):
             self.assertIn("0.02 s: /sensor/range\n", text)
 
     def test_value_that_is_not_known_is_nan(self):
-        # The simulated autopilot measures the battery's voltage but no current.
+        # No shadow flight compares the autopilot with a plan; the simulated one measures its battery.
         autopilot = landing()[0].series["/drone/autopilot"]
-        self.assertTrue(np.isnan(autopilot["battery_a"]).all())
-        self.assertFalse(np.isnan(autopilot["battery_v"][-1]))
+        self.assertTrue(np.isnan(autopilot["shadow_apart_deg"]).all())
+        self.assertFalse(np.isnan([autopilot["battery_v"][-1], autopilot["battery_a"][-1]]).any())
         self.assertFalse(np.isnan(autopilot["hover_thrust"]).any())
 
     def test_truth_and_transforms_agree(self):
