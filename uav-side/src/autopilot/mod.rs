@@ -403,7 +403,7 @@ impl AutopilotLink {
         let peer = self.peer.as_ref();
         peer.map(|p| (p.mode, p.armed, p.landed(now), self.flies_alone()))
     }
-    /// What the autopilot flies without our set-points.
+    /// Flight of the autopilot without our set-points.
     fn flies_alone(&self) -> OwnMission {
         if self.commands.is_sent_away() {
             OwnMission::SentAway

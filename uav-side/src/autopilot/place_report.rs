@@ -3,8 +3,6 @@
 use alight_shared::mavlink::dialect as m;
 use serde::{Deserialize, Serialize};
 
-use super::message::{MavMessage, MavlinkMessage, narrow};
-
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlaceReport {
     /// Deg, north positive.
@@ -52,16 +50,15 @@ impl From<&m::FOLLOW_TARGET_DATA> for PlaceReport {
 }
 
 impl PlaceReport {
-    pub fn follow_target(&self) -> MavlinkMessage {
+    pub fn follow_target(&self) -> m::MavMessage {
         let [north, east] = self.velocity.unwrap_or_default();
-        let message = MavMessage::FOLLOW_TARGET(m::FOLLOW_TARGET_DATA {
+        m::MavMessage::FOLLOW_TARGET(m::FOLLOW_TARGET_DATA {
             lat: (self.latitude_deg * 1e7).round() as i32,
             lon: (self.longitude_deg * 1e7).round() as i32,
-            vel: narrow([north, east, 0.0]),
-            position_cov: narrow([self.error_m.unwrap_or(0.0), 0.0, 0.0]),
+            vel: [north as f32, east as f32, 0.0],
+            position_cov: [self.error_m.unwrap_or(0.0) as f32, 0.0, 0.0],
             ..m::FOLLOW_TARGET_DATA::DEFAULT
-        });
-        message.into()
+        })
     }
 }
 

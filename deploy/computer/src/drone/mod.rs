@@ -21,7 +21,7 @@ use crate::process::service::{self, ComputerService};
 
 impl Supervision {
     fn scheduling(&self, kind: ProcessKind) -> Scheduling {
-        // What a set-point rests on does not wait for other programs, nor the pilot for it.
+        // Set-points depend on these processes, so they do not wait for other programs; the pilot waits for none of them.
         let between = self.pilot_priority.midpoint(self.planner_priority);
         let priorities = [
             (ProcessKind::Pilot, self.pilot_priority),

@@ -184,7 +184,7 @@ impl Plant {
             autopilot.take_range(clock.true_time(sample.header.at), sample);
         }
         for report in readings.beacons.drain(..) {
-            let frame = self.beacon.frame(BEACON, &report.follow_target());
+            let frame = self.beacon.frame(BEACON, &report.follow_target().into());
             frame.iter().for_each(|bytes| drop(socket.send(bytes)));
         }
     }

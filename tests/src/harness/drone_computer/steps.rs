@@ -158,7 +158,7 @@ impl SimulatedDroneComputer {
                     .take_range(clock.true_time(sample.header.at), sample);
             }
             for report in readings.beacons.drain(..) {
-                linked.up.send(t, BEACON, &report.follow_target());
+                linked.up.send(t, BEACON, &report.follow_target().into());
             }
         }
         readings.shift(self.ahead);
