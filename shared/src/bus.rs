@@ -339,7 +339,8 @@ macro_rules! computer {
     ) => {
         $(#[$doc])*
         pub struct $computer<B: $crate::bus::Bus> {
-            $($(#[$about])* pub $row: Option<$crate::bus::Row<$node, B>>,)*
+            // A row has up to 50 kB and is moved by several callers: a test's thread has 2 MB of stack.
+            $($(#[$about])* pub $row: Option<Box<$crate::bus::Row<$node, B>>>,)*
         }
         impl<B: $crate::bus::Bus> Default for $computer<B> {
             /// No process runs at first.
@@ -356,7 +357,7 @@ macro_rules! computer {
                 (nodes, boot): (&$nodes, u32),
             ) -> Result<(), B::Error> {
                 $(if process == $process {
-                    self.$row = Some($crate::bus::Row::join(bus, $kind::installed(nodes, boot))?);
+                    self.$row = Some(Box::new($crate::bus::Row::join(bus, $kind::installed(nodes, boot))?));
                 })*
                 Ok(())
             }

@@ -171,8 +171,8 @@ fn drone_nodes(k: usize, scenario: &Scenario, nodes: &NodeConfigs) -> DroneNodes
     }
 }
 
-fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Row<N, LockStep>> {
-    Row::join(&bus.of(N::KIND), node).ok()
+fn row<N: Installed>(bus: &LockStep, node: N) -> Option<Box<Row<N, LockStep>>> {
+    Row::join(&bus.of(N::KIND), node).ok().map(Box::new)
 }
 
 fn start(
@@ -190,10 +190,10 @@ fn start(
 
 /// Returns the row if its process is alive, in `runs`, and due for a step.
 fn due<N: Wired>(
-    row: &mut Option<Row<N, LockStep>>,
+    row: &mut Option<Box<Row<N, LockStep>>>,
     runs: bool,
     now: Time<N::Clock>,
-) -> Option<&mut Row<N, LockStep>> {
+) -> Option<&mut Box<Row<N, LockStep>>> {
     row.as_mut().filter(|_| runs)?.is_due(now).then_some(())?;
     row.as_mut()
 }

@@ -229,7 +229,7 @@ impl SimulatedDroneComputer {
 
 /// Steps a row if its process is alive, in `runs`, and due for a step; shows the step to an observer.
 fn step<N: Installed + Node<Clock = DroneClock>>(
-    row: &mut Option<Row<N, LockStep>>,
+    row: &mut Option<Box<Row<N, LockStep>>>,
     (runs, boot): (bool, u32),
     (t, now): Moment,
     edge: &mut impl Edge<N>,
