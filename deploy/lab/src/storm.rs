@@ -86,6 +86,10 @@ struct Summary {
     landed: usize,
     waits: usize,
     crashed: usize,
+    /// Number of storms that broke a rule only with parameters at the maker's default, and for these parameters the
+    /// number of such storms.
+    warned: usize,
+    warnings: BTreeMap<String, usize>,
     violations: BTreeMap<StormRule, usize>,
     /// Number of faults that began; for kinds, and for pairs of kind and state, the number that began and the total
     /// number.
@@ -188,6 +192,9 @@ impl Coverage {
 
 fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     let seed = storm.seed;
+    if args.trials == 1 && args.seconds.is_none() {
+        note(args.form.alone(), storm.text());
+    }
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
     let flown = fly(storm, silent).doing(&doing)?;
@@ -270,6 +277,7 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
             StormEnding::Waits => "waits for a stated reason: every rule held",
             StormEnding::Crashed => "crashed under a fault that excuses it: every rule held",
             StormEnding::Violated => "a rule was broken",
+            StormEnding::Warned => "a rule was broken by parameters at the maker's default",
         };
         terminal::line(format_args!("{:>7.2} s  {end}", flown.lasted_s));
     }
@@ -311,6 +319,14 @@ impl Summary {
                 StormEnding::Waits => summary.waits += 1,
                 StormEnding::Crashed => summary.crashed += 1,
                 StormEnding::Violated => {}
+                StormEnding::Warned => summary.warned += 1,
+            }
+            if let Some(warned) = flown.warned {
+                let names = match warned.parameters.is_empty() {
+                    true => "several together".into(),
+                    false => warned.parameters.join(", "),
+                };
+                *summary.warnings.entry(names).or_default() += 1;
             }
             if let Some(v) = flown.violation {
                 *summary.violations.entry(v.rule).or_default() += 1;
@@ -341,6 +357,8 @@ impl Summary {
             landed,
             waits,
             crashed,
+            warned,
+            warnings,
             faults_begun,
             kinds_begun,
             kinds,
@@ -361,7 +379,14 @@ impl Summary {
              begun in {kinds_in_flights_begun} of {kinds_in_flights} pairs of kind and flight, \
              {states_in_flights_begun} of {states_in_flights} of state and flight; {storms_per_s:.1} storms/s"
         );
-        format!("{}\n{}", wrapped(&ends), wrapped(&begun))
+        let mut text = format!("{}\n{}", wrapped(&ends), wrapped(&begun));
+        if *warned > 0 {
+            text += &format!("\n{warned} ended badly with parameters at the maker's default:");
+        }
+        for (names, storms) in warnings {
+            text += &format!("\n{storms:>4}  {names}");
+        }
+        text
     }
 }
 
@@ -392,9 +417,11 @@ mod tests {
             waits_for: None,
             came_down: None,
             violation: None,
+            warned: None,
             began: vec![(FaultKind::Blind, state, 1.0)],
             states: Vec::new(),
             lasted_s: 1.0,
+            last_state: state,
         };
         let mut coverage = Coverage::default();
         coverage.add(FlightKind::Landing, &began(State::Descent));

@@ -6,11 +6,14 @@ use std::sync::LazyLock;
 
 use alight_computer::exit::{CliError, Exit};
 use alight_computer::terminal::{self, WIDTH, wrap};
+use alight_shared::autopilot_parameters::{PARAMETERS, Wanted};
 use alight_shared::msg::{Reason, ReasonCode};
 use clap::Args;
 use serde::Deserialize;
 
 const MAX_SHOWN: usize = 5;
+/// Value that suits no parameter.
+const UNSUITABLE: f64 = -99.0;
 
 #[derive(Args, Debug)]
 pub struct ExplainArgs {
@@ -86,8 +89,13 @@ fn texts(code: ReasonCode) -> Vec<String> {
         return texts.filter(|text| !text.is_empty()).collect();
     }
     let mut all = Vec::new();
-    for (number, value) in (0..60).flat_map(|n| [0, 1, 99, u32::MAX].map(|value| (n, value))) {
-        let text = pattern(&Reason::new(code, f64::from(value), f64::from(number)).to_string());
+    for (number, parameter) in PARAMETERS.iter().enumerate() {
+        let text = if parameter.wanted == Wanted::Any {
+            format!("{}: {}", parameter.name, parameter.why)
+        } else {
+            Reason::new(code, UNSUITABLE, number as f64).to_string()
+        };
+        let text = pattern(&text);
         if !all.contains(&text) {
             all.push(text);
         }

@@ -3,6 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
+use alight_shared::autopilot_parameters::{PARAMETERS, Severity, Wanted};
 use alight_shared::wire;
 
 const MAX_PAGES: usize = 22;
@@ -152,4 +153,36 @@ fn version_of_every_table_with_makers_firmware() {
     assert!(stale_tables(&flown("aa"), "aa").is_empty());
     assert_eq!(stale_tables(&flown("bb"), "aa").len(), 1);
     assert_eq!(stale_tables(table, "aa").len(), 1);
+}
+
+/// The documents state name, suitable values and versions of every parameter in the table.
+#[test]
+fn parameters_in_the_documents() {
+    let page = read(&root().join("deploy/docs/autopilots.md"));
+    let firmware = read(&root().join("deploy/docs/firmware.md"));
+    for p in PARAMETERS {
+        let name = match p.severity {
+            Severity::Reject => format!("**{}**", p.name),
+            Severity::Warn => p.name.to_owned(),
+        };
+        let cell = match p.wanted {
+            Wanted::Bits(bits) => format!("{name} with {bits} added{}", p.versions),
+            Wanted::Any => format!("{name}{}", p.versions),
+            Wanted::Within(..) | Wanted::Is(..) | Wanted::OneOf(_) => {
+                format!("{name} {}{}", p.suitable(), p.versions)
+            }
+        };
+        assert!(page.contains(&cell), "autopilots.md does not contain: {cell}");
+        // Values in the instructions for the makers' simulators.
+        let mut lines = firmware
+            .lines()
+            .map(|l| l.trim().trim_start_matches("param set "));
+        let set = lines.find_map(|line| line.strip_prefix(p.name)?.strip_prefix(' '));
+        let value = set.and_then(|value| value.parse().ok());
+        assert!(
+            value.is_none_or(|value| p.suits(value)),
+            "firmware.md: {} {set:?}",
+            p.name
+        );
+    }
 }

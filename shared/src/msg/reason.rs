@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::grant::DECK_CLOSED;
-use crate::autopilot_parameters::{REQUESTS, numbered};
+use crate::autopilot_parameters::numbered;
 
 /// Distance within which a drone counts as on its station, m: its error in wind and waves.
 const NEAR_STATION_M: f64 = 5.0;
@@ -216,9 +216,7 @@ reasons! {
     /// Unsuitable value of an autopilot parameter; the limit is its number in [`crate::autopilot_parameters`].
     AutopilotParameter { "{}", parameter(v, l) }
     /// Autopilot parameter not reported: requests so far; the limit is its number, as in `AutopilotParameter`.
-    AutopilotParameterUnknown { "the autopilot has not reported {} ({v:.0} requests); for a firmware without it set \
-        autopilot.check_parameters = false", parameter_name(l);
-        if v < f64::from(REQUESTS) => "the autopilot has not reported {} ({v:.0} requests)", parameter_name(l) }
+    AutopilotParameterUnknown { "the autopilot has not reported {} ({v:.0} requests)", parameter_name(l) }
     /// All waiting places of the vessel are taken: their number.
     NoPlace { "all {v:.0} waiting places at the vessel are taken" }
     /// Battery below the reserve, fraction: the autopilot returns home.

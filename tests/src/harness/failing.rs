@@ -18,6 +18,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::bus::{BusSide, LockStep};
 use super::mutant::Mutant;
+use crate::autopilots::simulated::FailsafeConditions;
 use crate::physics::drone::MAX_ROTORS;
 use crate::radio::ChannelFault;
 use crate::sensors::moving_base::MovingBaseFaults;
@@ -276,12 +277,13 @@ pub struct AutopilotFaults {
     pub no_battery: bool,
     /// The reported charge freezes (0), or toggles between the frozen value and one higher by this amount.
     pub battery_stuck: Option<f64>,
+    /// Charge that the gauge reads, 0 to 1.
+    pub battery_reads: Option<f64>,
     pub drain_per_s: f64,
     pub landed_report: Option<LandedState>,
     /// Northward drift of the autopilot's position, m/s, as under slow spoofing.
     pub drift_mps: f64,
-    pub remote_control_lost: bool,
-    pub data_link_lost: bool,
+    pub conditions: FailsafeConditions,
 }
 
 /// `[first, all]`: thrust loss of the first rotor, and of all rotors.

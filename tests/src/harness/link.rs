@@ -104,14 +104,14 @@ impl LinkedAutopilot {
         autopilot.muted.clone_from(&faults.muted);
         autopilot.battery_reported = !faults.no_battery;
         let [charge, _] = autopilot.battery_report.unwrap_or([autopilot.battery, 0.0]);
-        autopilot.battery_report = faults.battery_stuck.map(|by| [charge, by]);
+        let stuck = faults.battery_stuck.map(|by| [charge, by]);
+        autopilot.battery_report = faults.battery_reads.map(|charge| [charge, 0.0]).or(stuck);
         autopilot.battery = (autopilot.battery - faults.drain_per_s * TICK.secs()).max(0.0);
         autopilot.landed_report = faults.landed_report;
         if faults.drift_mps != 0.0 {
             autopilot.reset_position(&(Vector3::x() * faults.drift_mps * TICK.secs()), false);
         }
-        autopilot.remote_control_lost = faults.remote_control_lost;
-        autopilot.data_link_lost = faults.data_link_lost;
+        autopilot.conditions = faults.conditions;
     }
     pub(super) fn lighten(&mut self, fraction: f64) {
         self.lighter = fraction.clamp(0.0, 0.5);

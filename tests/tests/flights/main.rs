@@ -11,6 +11,7 @@ mod contact;
 mod deck_reservation;
 mod estimate_jumps;
 mod estimator;
+mod failsafes;
 mod faults;
 mod gaps;
 mod hulls;

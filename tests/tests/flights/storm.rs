@@ -68,6 +68,7 @@ fn faultless(flight: FlightKind, autopilot: Firmware) -> Storm {
         drones: 1,
         mast: false,
         moving_base: false,
+        stock: false,
         ..storm
     }
 }
@@ -142,6 +143,7 @@ fn with_fault(seed: u64, fault: Fault) -> Storm {
         drones: 1,
         mast: false,
         moving_base: false,
+        stock: false,
         ..Storm::drawn(seed, 0)
     }
 }
@@ -197,6 +199,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
         drones: 1,
         mast: false,
         moving_base: false,
+        stock: false,
         ..Storm::drawn(3, 0)
     };
     let two = |faults| Storm {

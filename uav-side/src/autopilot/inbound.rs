@@ -8,7 +8,7 @@ use alight_shared::time::Span;
 
 use super::message::{
     self, Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkFrame, MavlinkMessage,
-    ParameterValue, command_ack, result_name, severity, text, wide,
+    ParameterValue, command_ack, result_name, severity, text, version, wide,
 };
 use super::modes::Firmware;
 use super::orders::named;
@@ -142,6 +142,7 @@ impl AutopilotLink {
                 let value = ParameterValue::read(d.param_value, d.param_type);
                 peer.parameters.received(&text(&d.param_id), value);
             }
+            M::AUTOPILOT_VERSION(d) => peer.parameters.on_version(version(d)),
             M::GPS_GLOBAL_ORIGIN(d) => {
                 let origin = mavlink::place(d.latitude, d.longitude, d.altitude);
                 if self.estimate.origin.on_report(&origin) {

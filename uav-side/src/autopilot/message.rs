@@ -113,6 +113,12 @@ impl From<&m::COMMAND_LONG_DATA> for CommandLong {
     }
 }
 
+/// Major and minor number of the firmware's version.
+pub fn version(d: &m::AUTOPILOT_VERSION_DATA) -> [u8; 2] {
+    let [_, _, minor, major] = d.flight_sw_version.to_le_bytes();
+    [major, minor]
+}
+
 /// Result without its prefix.
 pub(crate) fn result_name(result: MavResult) -> String {
     format!("{result:?}").replace("MAV_RESULT_", "")

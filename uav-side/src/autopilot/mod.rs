@@ -324,9 +324,7 @@ impl AutopilotLink {
         if let Some(request) = peer.streams.ask(now, peer.address) {
             out.send(request);
         }
-        if let Some(request) = peer.parameters.ask(now, peer.address) {
-            out.send(MavMessage::PARAM_REQUEST_READ(request));
-        }
+        out.messages.extend(peer.parameters.ask(now, peer.address));
         for request in self.estimate.origin.ask(now, peer.address) {
             out.send(request);
         }

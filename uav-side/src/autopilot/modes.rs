@@ -1,5 +1,6 @@
 //! Flight mode numbers of PX4 and ArduCopter.
 
+use alight_shared::autopilot_parameters::Maker;
 use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
 
@@ -52,6 +53,12 @@ impl Firmware {
         match self {
             Firmware::Px4 => 6_371_000.0,
             Firmware::ArduCopter => 6_378_100.0,
+        }
+    }
+    pub const fn maker(self) -> Maker {
+        match self {
+            Firmware::Px4 => Maker::Px4,
+            Firmware::ArduCopter => Maker::ArduPilot,
         }
     }
     pub const fn name(self) -> &'static str {

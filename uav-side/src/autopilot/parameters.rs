@@ -1,14 +1,15 @@
 //! Checks the autopilot parameters that affect a landing.
 
 use alight_shared::autopilot_parameters::{
-    Parameter, REQUESTS, Severity, THRUST_OPTION, of_ardu_copter, of_px4,
+    Parameter, REQUESTS, Severity, THRUST_OPTION, Version, Versions, Wanted,
 };
-use alight_shared::mavlink::dialect::PARAM_REQUEST_READ_DATA;
+use alight_shared::mavlink::MessageData as _;
+use alight_shared::mavlink::dialect::{AUTOPILOT_VERSION_DATA, PARAM_REQUEST_READ_DATA};
 use alight_shared::msg::{Reason, ReasonCode};
 use alight_shared::time::Span;
 
 use super::DroneTime;
-use super::message::{Address, ParameterValue, chars};
+use super::message::{Address, CommandLong, MavMessage, MavlinkMessage, ParameterValue, chars};
 use super::modes::Firmware;
 
 const SPACING: Span = Span::from_millis(20);
@@ -23,13 +24,36 @@ const LOSS_TIME: &str = "COM_OF_LOSS_T";
 /// Value assumed until it is reported, s: the maximum that permits a landing.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
+/// Requests for one answer of the autopilot.
+#[derive(Clone, Copy, Debug)]
+struct Inquiry {
+    requests: u32,
+    next: DroneTime,
+}
+
+impl Inquiry {
+    const fn new(now: DroneTime) -> Inquiry {
+        Inquiry {
+            requests: 0,
+            next: now,
+        }
+    }
+    const fn is_given_up(&self) -> bool {
+        self.requests >= REQUESTS
+    }
+    /// Counts a request that has had no answer.
+    fn sent(&mut self, now: DroneTime) {
+        self.requests = self.requests.saturating_add(1);
+        self.next = now + if self.is_given_up() { SILENT } else { ANSWER };
+    }
+}
+
 #[derive(Clone, Debug)]
 struct Item {
     number: usize,
     parameter: &'static Parameter,
     value: Option<f64>,
-    requests: u32,
-    next: DroneTime,
+    inquiry: Inquiry,
     /// Whether the autopilot has restarted since the value was read.
     old: bool,
     new: bool,
@@ -41,17 +65,29 @@ impl Item {
         match self.value {
             None => {
                 let code = ReasonCode::AutopilotParameterUnknown;
-                Some(Reason::new(code, f64::from(self.requests), number))
+                Some(Reason::new(code, f64::from(self.inquiry.requests), number))
             }
             Some(value) if self.parameter.suits(value) => None,
             Some(value) => Some(Reason::new(ReasonCode::AutopilotParameter, value, number)),
         }
     }
+    fn is_decided(&self) -> bool {
+        self.value.is_some() || self.inquiry.is_given_up()
+    }
+    fn is_due(&self, now: DroneTime) -> bool {
+        now >= self.inquiry.next && (self.old || self.reason().is_some())
+    }
 }
 
+/// Parameters of the autopilot's firmware in its version. Until AUTOPILOT_VERSION is reported, or ten requests for it
+/// have had no answer, only parameters of every version are read.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     firmware: Firmware,
+    /// Whether the pilot node sends attitude set-points.
+    attitudes: bool,
+    version: Option<Version>,
+    version_inquiry: Inquiry,
     items: Vec<Item>,
     next: DroneTime,
     /// Whether the autopilot interpreted thrust as thrust before the restart of autopilot or link.
@@ -61,28 +97,52 @@ pub struct Parameters {
 impl Parameters {
     /// `attitudes`: whether the pilot node sends attitude set-points.
     pub fn new(firmware: Firmware, attitudes: bool, now: DroneTime) -> Parameters {
-        let own: Vec<_> = match firmware {
-            Firmware::Px4 => of_px4().collect(),
-            Firmware::ArduCopter => of_ardu_copter().collect(),
-        };
-        let items = own
-            .into_iter()
-            .filter(|(_, p)| attitudes || p.name != THRUST_OPTION);
-        Parameters {
+        let mut parameters = Parameters {
             firmware,
-            items: items
-                .map(|(number, parameter)| Item {
+            attitudes,
+            version: None,
+            version_inquiry: Inquiry::new(now),
+            items: Vec::new(),
+            next: now,
+            thrust_was_thrust: false,
+        };
+        parameters.select(firmware.maker().assumed());
+        parameters
+    }
+    /// Selects the parameters of this version; known values stay.
+    fn select(&mut self, version: Version) {
+        let rows = self.firmware.maker().parameters(version);
+        let mut before = core::mem::take(&mut self.items);
+        let is_used = |p: &Parameter| self.attitudes || p.name != THRUST_OPTION;
+        for (number, parameter) in rows.filter(|(_, p)| p.wanted != Wanted::Any && is_used(p)) {
+            let known = before.iter().position(|i| i.number == number);
+            self.items.push(match known {
+                Some(k) => before.swap_remove(k),
+                None => Item {
                     number,
                     parameter,
                     value: None,
-                    requests: 0,
-                    next: now,
+                    inquiry: Inquiry::new(self.next),
                     old: false,
                     new: false,
-                })
-                .collect(),
-            next: now,
-            thrust_was_thrust: false,
+                },
+            });
+        }
+    }
+    /// Whether the version is known, or assumed because the autopilot does not report it.
+    fn knows_version(&self) -> bool {
+        self.version.is_some() || self.version_inquiry.is_given_up()
+    }
+    /// Parameters that exist in the autopilot's firmware, as far as its version is known.
+    fn items(&self) -> impl Iterator<Item = &Item> {
+        let any_version = self.knows_version();
+        let valid = move |i: &&Item| any_version || i.parameter.versions == Versions::ALL;
+        self.items.iter().filter(valid)
+    }
+    pub fn on_version(&mut self, version: Version) {
+        if self.version != Some(version) {
+            self.version = Some(version);
+            self.select(version);
         }
     }
     /// Until the option is reported, assumes that the autopilot interprets thrust as thrust.
@@ -99,50 +159,52 @@ impl Parameters {
             item.old = false;
         }
     }
-    /// Requests all parameters again after the autopilot has restarted; the old values are used until then.
+    /// Requests version and parameters again after the autopilot has restarted, perhaps with another firmware. The old
+    /// values are used until then.
     pub fn read_again(&mut self) {
+        self.version = None;
+        self.version_inquiry = Inquiry::new(self.next);
         self.items.iter_mut().for_each(|i| i.old = true);
     }
-    /// Next due request: an unreported parameter, or an unsuitable one at intervals.
-    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<PARAM_REQUEST_READ_DATA> {
+    /// Next due request: the version, an unreported parameter, or an unsuitable one at intervals.
+    pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {
         if now < self.next {
             return None;
         }
-        let due = |i: &&mut Item| now >= i.next && (i.old || i.reason().is_some());
-        let item = self.items.iter_mut().find(due)?;
+        if !self.knows_version() && now >= self.version_inquiry.next {
+            self.next = now + SPACING;
+            self.version_inquiry.sent(now);
+            return Some(CommandLong::request(to, AUTOPILOT_VERSION_DATA::ID).into());
+        }
+        let number = self.items().find(|i| i.is_due(now))?.number;
+        let item = self.items.iter_mut().find(|i| i.number == number)?;
         self.next = now + SPACING;
         if item.value.is_none() {
-            item.requests = item.requests.saturating_add(1);
-            item.new |= item.requests == REQUESTS;
+            item.inquiry.sent(now);
+            item.new |= item.inquiry.requests == REQUESTS;
+        } else {
+            item.inquiry.next = now + REVIEW;
         }
-        item.next = now
-            + match item.value {
-                None if item.requests < REQUESTS => ANSWER,
-                None => SILENT,
-                Some(_) => REVIEW,
-            };
-        Some(PARAM_REQUEST_READ_DATA {
+        let request = PARAM_REQUEST_READ_DATA {
             target_system: to.system,
             target_component: to.component,
             param_id: chars(item.parameter.name),
             // By name.
             param_index: -1,
-        })
+        };
+        Some(MavMessage::PARAM_REQUEST_READ(request).into())
     }
     pub fn faults(&self) -> impl Iterator<Item = (&'static Parameter, Reason)> + '_ {
-        self.items
-            .iter()
+        self.items()
             .filter_map(|i| i.reason().map(|why| (i.parameter, why)))
     }
     pub fn complete(&self) -> bool {
-        self.items
-            .iter()
-            .all(|i| i.value.is_some() || i.requests >= REQUESTS)
+        self.knows_version() && self.items.iter().all(Item::is_decided)
     }
     /// Reason that prohibits a landing (empty code: permitted), unsuitable parameters before unreported ones.
     pub fn rejection(&self) -> Reason {
         let forbids = |i: &&Item| i.parameter.severity == Severity::Reject;
-        let reasons = || self.items.iter().filter(forbids).filter_map(Item::reason);
+        let reasons = || self.items().filter(forbids).filter_map(Item::reason);
         reasons()
             .find(|r| r.code == ReasonCode::AutopilotParameter)
             .or_else(|| reasons().next())
@@ -150,14 +212,8 @@ impl Parameters {
     }
     /// First unsuitable or unreported parameter that only causes a warning.
     pub fn warning(&self) -> Reason {
-        let known = |i: &&Item| i.value.is_some() || i.requests >= REQUESTS;
-        let warning = |i: &&Item| i.parameter.severity == Severity::Warn;
-        let mut reasons = self
-            .items
-            .iter()
-            .filter(known)
-            .filter(warning)
-            .filter_map(Item::reason);
+        let warns = |i: &&Item| i.parameter.severity == Severity::Warn && i.is_decided();
+        let mut reasons = self.items().filter(warns).filter_map(Item::reason);
         reasons.next().unwrap_or_default()
     }
     pub(super) fn thrust_is_thrust(&self) -> Option<bool> {
@@ -179,13 +235,14 @@ impl Parameters {
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();
         self.items.iter_mut().filter_map(move |i| {
-            let is_new = core::mem::take(&mut i.new);
-            i.reason()
-                .filter(|_| is_new)
-                .map(|why| match i.parameter.severity {
-                    Severity::Reject => format!("{firmware}, no landing: {why}"),
-                    Severity::Warn => format!("{firmware}, a warning: {why}"),
-                })
+            if !core::mem::take(&mut i.new) {
+                return None;
+            }
+            let why = i.reason()?;
+            Some(match i.parameter.severity {
+                Severity::Reject => format!("{firmware}, no landing: {why}"),
+                Severity::Warn => format!("{firmware}, a warning: {why}"),
+            })
         })
     }
 }
@@ -194,7 +251,6 @@ impl Parameters {
 mod tests {
     use super::super::message::text;
     use super::*;
-    use alight_shared::autopilot_parameters::Wanted;
     use alight_shared::time::Time;
 
     const TO: Address = Address::new(1, 1);
@@ -202,7 +258,10 @@ mod tests {
     fn asked(p: &mut Parameters, from_s: f64, seconds: f64) -> Vec<String> {
         (0..(seconds * 100.0) as u32)
             .filter_map(|k| p.ask(Time::from_secs(from_s + 0.01 * f64::from(k)), TO))
-            .map(|request| text(&request.param_id))
+            .filter_map(|message| match message {
+                MavlinkMessage::Common(MavMessage::PARAM_REQUEST_READ(d)) => Some(text(&d.param_id)),
+                _ => None,
+            })
             .collect()
     }
     fn report(p: &mut Parameters, name: &str, value: f64) {
@@ -218,34 +277,28 @@ mod tests {
             .map(|(of, _)| *of)
             .collect();
         for of in unknown {
-            let value = match of.wanted {
-                Wanted::Within(low, _) => low,
-                Wanted::Is(value, _) => value,
-                Wanted::OneOf(values) => values[0].0,
-                Wanted::Bits(bits) => f64::from(bits),
-            };
-            let integer = value.fract() == 0.0 && of.unit.is_empty();
-            let value = p.firmware.parameter_value(value, integer);
-            p.received(of.name, value);
+            report(p, of.name, of.corrected(0.0));
         }
+    }
+    fn known(firmware: Firmware, version: Version) -> Parameters {
+        let mut p = Parameters::new(firmware, true, Time::from_secs(0.0));
+        p.on_version(version);
+        p
     }
 
     #[test]
     fn suitable_parameters() {
-        let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
+        let mut p = known(Firmware::Px4, [1, 17]);
         assert_eq!(p.rejection().code, ReasonCode::AutopilotParameterUnknown);
         let first = asked(&mut p, 0.0, 0.2);
-        assert_eq!(
-            first[..4],
-            ["COM_OF_LOSS_T", "COM_OBL_RC_ACT", "MPC_ACC_UP_MAX", "MC_AIRMODE"]
-        );
-        report_the_others(
-            &mut p,
-            &["COM_OF_LOSS_T", "COM_OBL_RC_ACT", "MPC_ACC_UP_MAX", "MC_AIRMODE"],
-        );
-        report(&mut p, "COM_OF_LOSS_T", 0.25);
-        report(&mut p, "COM_OBL_RC_ACT", 5.0);
-        p.received("MPC_ACC_UP_MAX", Firmware::Px4.parameter_value(8.0, false));
+        let expected = [
+            "COM_OF_LOSS_T",
+            "COM_OBL_RC_ACT",
+            "MPC_ACC_UP_MAX",
+            "MPC_JERK_AUTO",
+        ];
+        assert_eq!(first[..4], expected);
+        report_the_others(&mut p, &["MC_AIRMODE"]);
         assert!(!p.complete());
         assert_eq!(p.rejection(), Reason::default());
         report(&mut p, "MC_AIRMODE", 1.0);
@@ -254,8 +307,36 @@ mod tests {
     }
 
     #[test]
-    fn unsuitable_parameters() {
+    fn parameters_by_the_reported_version() {
+        let named = |p: &Parameters, name| p.faults().any(|(of, _)| of.name == name);
         let mut p = Parameters::new(Firmware::ArduCopter, true, Time::from_secs(0.0));
+        let first = p.ask(Time::from_secs(0.0), TO);
+        assert_eq!(
+            first,
+            Some(CommandLong::request(TO, AUTOPILOT_VERSION_DATA::ID).into())
+        );
+        // A name of one version is neither requested nor missed before the version is known.
+        assert!(!named(&p, "RTL_ALT_FINAL") && !named(&p, "RTL_ALT_FINAL_M"));
+        assert!(named(&p, "GUID_TIMEOUT"));
+        report_the_others(&mut p, &[]);
+        assert!(!p.complete());
+        p.on_version([4, 7]);
+        assert!(named(&p, "RTL_ALT_FINAL_M") && !named(&p, "RTL_ALT_FINAL") && !named(&p, "GUID_TIMEOUT"));
+        report(&mut p, "RTL_ALT_FINAL_M", 10.0);
+        assert!(p.complete() && p.faults().next().is_none());
+        // Another firmware may have been installed.
+        p.read_again();
+        p.on_version([4, 6]);
+        assert!(named(&p, "RTL_ALT_FINAL") && !p.complete());
+        // A firmware without a version counts as the assumed one.
+        let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
+        asked(&mut p, 0.0, 10.0);
+        assert!(p.complete() && named(&p, "COM_RCL_EXCEPT"));
+    }
+
+    #[test]
+    fn unsuitable_parameters() {
+        let mut p = known(Firmware::ArduCopter, [4, 6]);
         asked(&mut p, 0.0, 0.2);
         for (name, value) in [
             ("GUID_TIMEOUT", 3.0),
@@ -286,24 +367,14 @@ mod tests {
 
     #[test]
     fn parameter_never_reported() {
-        let mut p = Parameters::new(Firmware::Px4, true, Time::from_secs(0.0));
-        for (name, value) in [
-            ("COM_OF_LOSS_T", 0.25),
-            ("COM_OBL_RC_ACT", 5.0),
-            ("MC_AIRMODE", 1.0),
-        ] {
-            report(&mut p, name, value);
-        }
+        let mut p = known(Firmware::Px4, [1, 17]);
         report_the_others(&mut p, &["MPC_ACC_UP_MAX"]);
         let names = asked(&mut p, 0.0, 4.9);
         assert_eq!(names.len(), REQUESTS as usize);
         assert!(p.complete());
         assert!(asked(&mut p, 4.9, 60.0).len() <= 12);
         let why = p.rejection().to_string();
-        assert!(
-            why.contains("MPC_ACC_UP_MAX") && why.contains("check_parameters"),
-            "{why}"
-        );
+        assert_eq!(why, "the autopilot has not reported MPC_ACC_UP_MAX (10 requests)");
         assert!(p.news().next().is_some_and(|t| t.contains("MPC_ACC_UP_MAX")));
     }
 

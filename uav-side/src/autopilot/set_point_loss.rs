@@ -5,8 +5,8 @@
 //! pauses, when the computer is suspended, and when the autopilot or the serial line stalls, which its silence shows. A
 //! computer that is suspended together with its clock sees no gap, but the autopilot's clock shows it. The time before
 //! this link's first set-point counts as a gap, because a previous link may have died. A hold that may have begun in a
-//! gap is first attributed to PX4, and later to the pilot if set-points do not end it. ArduCopter never holds by
-//! itself: its Brake is always the pilot's choice.
+//! gap is first attributed to PX4, and later to the pilot if set-points do not end it. ArduCopter stays in GUIDED without
+//! set-points: its Brake is the pilot's choice or another failsafe's (FS_THR_ENABLE 7), never the end of a gap.
 
 use alight_shared::msg::AutopilotMode;
 

@@ -13,6 +13,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::{AttitudeSetPoint, RateLoop, rate_set_point};
 use super::estimator::{Estimate, SimulatedErrors};
+use super::failsafe::ALT_HOLD;
 use super::mixer::Mixer;
 use super::modes::{mode_number, own_mission};
 use super::own_mission::OwnFlight;
@@ -81,6 +82,8 @@ pub(super) struct SimulatedFlight {
     hold: PositionReference,
     /// Destination of the return mode.
     pub(super) home: Vector3<f64>,
+    /// Height above home at which a return ends in a hover, m; None: it lands.
+    returns_to_m: Option<f64>,
     /// Landing target, and its time of arrival.
     guided: Option<(Vector3<f64>, Time<TrueTime>)>,
     integral: Vector3<f64>,
@@ -143,6 +146,7 @@ impl SimulatedFlight {
                 yaw_rate: 0.0,
             },
             home: estimate.position,
+            returns_to_m: None,
             guided: None,
             integral: still,
             hover_thrust,
@@ -205,6 +209,11 @@ impl SimulatedFlight {
     }
     pub(super) fn guide(&mut self, target: Vector3<f64>, now: Time<TrueTime>) {
         self.guided = Some((target, now));
+    }
+    /// Whether the newest set-point is an attitude.
+    pub(super) fn follows_attitudes(&self) -> bool {
+        let newest = self.received.map(|r| r.newest);
+        matches!(newest, Some(FlightReference::Attitude(_)))
     }
     fn kind(&self) -> AutopilotMode {
         self.firmware().mode(self.mode)
@@ -304,11 +313,13 @@ impl SimulatedFlight {
         };
     }
 
+    /// `levels`: without an estimate of the position, a mode that needs one levels the drone.
     pub(super) fn outer(
         &mut self,
         estimate: &Estimate,
         now: Time<TrueTime>,
         parameters: &BTreeMap<&'static str, f64>,
+        levels: bool,
         dt: f64,
     ) {
         let parameter = |name| parameters.get(name).copied().unwrap_or(0.0);
@@ -320,6 +331,14 @@ impl SimulatedFlight {
                 hover: self.hover_thrust,
                 mix: parameter("ATC_THR_MIX_MIN"),
             },
+        };
+        self.returns_to_m = match self.firmware() {
+            Firmware::Px4 if parameter("RTL_LAND_DELAY") < 0.0 => Some(self.config.return_height_m),
+            Firmware::Px4 => None,
+            Firmware::ArduCopter => {
+                let height_m = 0.01 * parameter("RTL_ALT_FINAL") + parameter("RTL_ALT_FINAL_M");
+                if height_m > 0.0 { Some(height_m) } else { None }
+            }
         };
         if !self.armed {
             return;
@@ -347,8 +366,7 @@ impl SimulatedFlight {
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
                 // Without attitude set-points ArduCopter levels the drone and commands no climb.
-                let last = self.received.filter(|_| offboard).map(|r| r.newest);
-                if let Some(FlightReference::Attitude(_)) = last {
+                if levels || self.mode == ALT_HOLD || offboard && self.follows_attitudes() {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
                 }
             }
@@ -439,7 +457,10 @@ impl SimulatedFlight {
                 let away = self.home.xy() - estimate.position.xy();
                 let up = -self.config.return_height_m;
                 if away.norm() < 1.0 {
-                    self.sink(estimate, dt);
+                    let above_home = self.home.z - estimate.position.z;
+                    if self.returns_to_m.is_none_or(|height_m| above_home > height_m) {
+                        self.sink(estimate, dt);
+                    }
                 } else if estimate.position.z > up + 1.0 {
                     self.hold.position.z = self.hold.position.z.max(up) - 2.0 * dt;
                     self.hold.velocity.z = -2.0;

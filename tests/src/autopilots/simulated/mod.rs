@@ -2,14 +2,16 @@
 //! MAVLink messages, and commands the rotors from an imperfect estimate of the drone's true motion.
 //!
 //! [`SimulatedAutopilot::step`] is one step of the inner loops; every fifth step also estimates, decides and reports.
-//! [`protocol`] has messages, streams, commands and parameters; [`reference`] set-points; [`flight`] modes, failsafes,
-//! position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the inner loops; [`spool`] the
-//! motors after arming; [`estimator`] the sensors; [`alignment`] the start-up; [`arming`] the arming checks.
+//! [`protocol`] has messages, streams and commands; [`defaults`] parameters; [`failsafe`] failsafes; [`reference`]
+//! set-points; [`flight`] modes, position control and the land detector; [`attitude`], [`shaping`] and [`mixer`] the
+//! inner loops; [`spool`] the motors after arming; [`estimator`] the sensors; [`alignment`] the start-up; [`arming`] the arming checks.
 
 mod alignment;
 mod arming;
 mod attitude;
+mod defaults;
 mod estimator;
+mod failsafe;
 mod flight;
 mod mixer;
 mod modes;
@@ -24,6 +26,7 @@ mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
 
+use alight_shared::autopilot_parameters::Version;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::Signing;
@@ -44,6 +47,8 @@ use estimator::SimulatedEstimator;
 use flight::SimulatedFlight;
 use protocol::MessageSchedule;
 
+pub use defaults::{Installed, MakersDefault, makers_defaults, warned_by_default};
+pub use failsafe::FailsafeConditions;
 pub use mixer::Mixer;
 pub use modes::{mode_number, own_mission as own_mission_mode};
 
@@ -70,6 +75,8 @@ pub struct SimulatedAutopilot {
     pub steel_m: f64,
     /// Origin of the true NED; None: the autopilot's origin.
     place: Option<Datum>,
+    /// Version that AUTOPILOT_VERSION reports; [`SimulatedAutopilot::install`] changes it.
+    pub version: Version,
     /// Parameters by name; requests for any other parameter remain unanswered.
     pub parameters: BTreeMap<&'static str, f64>,
     pub range_limits_m: [f64; 2],
@@ -96,8 +103,7 @@ pub struct SimulatedAutopilot {
     pub no_origin: bool,
     /// Channels of the remote control, us; None: no receiver.
     pub channels: Option<[u16; 18]>,
-    pub remote_control_lost: bool,
-    pub data_link_lost: bool,
+    pub conditions: FailsafeConditions,
     pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
     pub set_points: u32,
     pub rejected: u32,
@@ -108,6 +114,7 @@ pub struct SimulatedAutopilot {
     unaligned: Option<Unaligned>,
     estimator: SimulatedEstimator,
     flight: SimulatedFlight,
+    failsafes: failsafe::Failsafes,
     /// Rotation rate at the autopilot's start, rad/s.
     started_rps: f64,
     now: Time<TrueTime>,
@@ -145,14 +152,15 @@ impl SimulatedAutopilot {
             hover * config.initial_hover_factor,
             truth.at + Span::from_secs(0.5 * clock.uniform()),
         );
-        SimulatedAutopilot {
+        let mut autopilot = SimulatedAutopilot {
             address: Address::new(3, 1),
             origin: Datum::default(),
             geoid_m: Some(0.0),
             gnss_ellipsoid: navigation.gnss_ellipsoid,
             steel_m: f64::INFINITY,
             place: None,
-            parameters: protocol::parameters(config),
+            version: config.firmware.maker().assumed(),
+            parameters: BTreeMap::new(),
             range_limits_m: [0.05, 30.0],
             range: None,
             resets: 0,
@@ -168,8 +176,7 @@ impl SimulatedAutopilot {
             no_origin: false,
             home: None,
             channels: None,
-            remote_control_lost: false,
-            data_link_lost: false,
+            conditions: FailsafeConditions::default(),
             commands: VecDeque::new(),
             set_points: 0,
             rejected: 0,
@@ -179,6 +186,7 @@ impl SimulatedAutopilot {
             unaligned: None,
             estimator,
             flight,
+            failsafes: failsafe::Failsafes::default(),
             endurance_s: config.endurance_s,
             now: truth.at,
             outer_due: truth.at + PHASE,
@@ -189,7 +197,14 @@ impl SimulatedAutopilot {
             outbox: Vec::new(),
             decoder: Decoder::default(),
             encoder: Encoder::default(),
-        }
+        };
+        autopilot.install(config, autopilot.version, Installed::All);
+        autopilot
+    }
+    /// Replaces the firmware by this version, with the parameters that its installer has set.
+    pub fn install(&mut self, config: &AutopilotConfig, version: Version, installed: Installed) {
+        self.version = version;
+        self.parameters = defaults::parameters(config, version, installed);
     }
 
     /// With a key, signs messages and accepts only signed ones.
@@ -291,13 +306,15 @@ impl SimulatedAutopilot {
         self.estimator
             .step(truth, &(sum / count), self.flight.thrust(), dt);
         self.battery = (self.battery - dt / self.endurance_s).max(0.0);
-        self.lose_connections();
+        self.step_failsafes();
         let now = self.now;
         if self.unaligned.take_if(|u| u.is_over(now)).is_some() {
             // PX4 increments the reset counter.
             self.resets = self.resets.wrapping_add(1);
         }
-        self.flight.outer(self.estimator.now(), now, &self.parameters, dt);
+        let levels = self.has_no_position();
+        self.flight
+            .outer(self.estimator.now(), now, &self.parameters, levels, dt);
         self.report();
     }
 

@@ -1,25 +1,23 @@
 //! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced disarm.
 
-use std::collections::BTreeMap;
-
 use alight_shared::frames::{DroneNed, TrueNed, Vector};
 use alight_shared::geodesy::Datum;
 use alight_shared::mavlink::fields;
 use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m};
-use alight_shared::msg::{AutopilotMode, LandedState};
+use alight_shared::msg::LandedState;
 use alight_shared::time::{DroneClock, Span, Time, TrueTime};
 use alight_uav::autopilot::message::{
     Address, CommandLong, FORCE, MavCmd, MavMessage as M, MavModeFlag, MavResult, MavType, MavlinkMessage,
-    command_ack, heartbeat, narrow, parameter, severity, text, wide,
+    command_ack, narrow, parameter, severity, text, wide,
 };
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::alignment::flags;
-use super::modes::{mode_number, own_mission};
+use super::defaults::is_integer;
+use super::modes::own_mission;
 use super::reference::FlightReference;
 use super::{MAX_COMMANDS, SimulatedAutopilot};
-use crate::physics::drone::{AutopilotConfig, LossAction};
 
 /// Voltage of an empty four-cell battery, and the increase to a full one, V.
 const EMPTY_V: f64 = 14.0;
@@ -30,17 +28,6 @@ const CAPACITY_AH: f64 = 5.0;
 const MODE_PERIOD: Span = Span::from_millis(500);
 const RANGE_LASTS: Span = Span::from_millis(100);
 const MISSION_PERIOD: Span = Span::from_millis(1000);
-/// Integer parameters of PX4.
-const INTEGERS: [&str; 8] = [
-    "COM_OBL_RC_ACT",
-    "MC_AIRMODE",
-    "NAV_RCL_ACT",
-    "COM_RCL_EXCEPT",
-    "NAV_DLL_ACT",
-    "COM_LOW_BAT_ACT",
-    "GF_ACTION",
-    "COM_ARM_MAG_STR",
-];
 /// Highest rate of ArduCopter's telemetry streams, Hz. Measured: 39 to 42 Hz when 100 Hz were requested.
 const ARDUCOPTER_HZ: f64 = 40.0;
 /// Maximum magnitude of a value in a set-point.
@@ -65,51 +52,6 @@ impl MessageSchedule {
 
 pub(super) fn first_streams() -> Vec<MessageSchedule> {
     vec![MessageSchedule::new(m::HEARTBEAT_DATA::ID, 1.0)]
-}
-
-pub(super) fn parameters(c: &AutopilotConfig) -> BTreeMap<&'static str, f64> {
-    let action = match c.loss_action {
-        LossAction::Hold => 5.0,
-        LossAction::Land => 4.0,
-        LossAction::Return => 3.0,
-    };
-    BTreeMap::from_iter(match c.firmware {
-        Firmware::Px4 => vec![
-            ("COM_OF_LOSS_T", c.loss_after_s),
-            ("COM_OBL_RC_ACT", action),
-            ("MPC_ACC_UP_MAX", 8.0),
-            ("MC_AIRMODE", 0.0),
-            // When the remote control is lost, PX4 returns home unless it is in OFFBOARD; a lost data link
-            // has no effect.
-            ("NAV_RCL_ACT", 2.0),
-            ("COM_RCL_EXCEPT", 4.0),
-            ("NAV_DLL_ACT", 0.0),
-            ("COM_LOW_BAT_ACT", 3.0),
-            ("BAT_CRIT_THR", 0.07),
-            ("GF_ACTION", 2.0),
-            ("RTL_LAND_DELAY", -1.0),
-            ("COM_ARM_IMU_ACC", 0.7),
-            ("COM_ARM_IMU_GYR", 0.25),
-            ("COM_ARM_MAG_STR", 2.0),
-        ],
-        Firmware::ArduCopter => vec![
-            ("GUID_TIMEOUT", c.loss_after_s),
-            ("GUID_OPTIONS", 8.0),
-            ("ATC_THR_MIX_MIN", 0.1),
-            ("FS_THR_ENABLE", 1.0),
-            ("FS_GCS_ENABLE", 0.0),
-            ("BATT_MONITOR", 4.0),
-            ("BATT_FS_LOW_ACT", 0.0),
-            ("BATT_FS_CRT_ACT", 1.0),
-            ("BATT_CRT_VOLT", 13.2),
-            ("FENCE_ACTION", 4.0),
-            ("RTL_ALT_FINAL", 1000.0),
-            ("INS_GYR_CAL", 0.0),
-            ("EK3_SRC1_YAW", 1.0),
-            // Continues in GUIDED without remote control.
-            ("FS_OPTIONS", 4.0),
-        ],
-    })
 }
 
 fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
@@ -205,7 +147,7 @@ impl SimulatedAutopilot {
             }
             M::PARAM_REQUEST_READ(d) if Address::new(d.target_system, d.target_component) == self.address => {
                 let name = text(&d.param_id);
-                let integer = INTEGERS.contains(&name.as_str());
+                let integer = is_integer(&name);
                 if let Some(value) = self.parameters.get(name.as_str()) {
                     let value = self.firmware().parameter_value(*value, integer);
                     let count = self.parameters.len() as u16;
@@ -230,8 +172,15 @@ impl SimulatedAutopilot {
             self.commands.pop_front();
         }
         self.commands.push_back((self.now, c));
-        if c.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && !self.no_origin {
-            let message = self.requested(c.parameters[0] as u32);
+        let id = c.parameters[0] as u32;
+        if c.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && id == m::AUTOPILOT_VERSION_DATA::ID {
+            let [major, minor] = self.version;
+            self.send(M::AUTOPILOT_VERSION(m::AUTOPILOT_VERSION_DATA {
+                flight_sw_version: u32::from_le_bytes([0, 0, minor, major]),
+                ..m::AUTOPILOT_VERSION_DATA::DEFAULT
+            }));
+        } else if c.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && !self.no_origin {
+            let message = self.requested(id);
             self.send(message);
         }
         let result = self.answer.unwrap_or_else(|| self.apply(&c));
@@ -323,6 +272,9 @@ impl SimulatedAutopilot {
             self.flight.guide(target, self.now);
         }
     }
+    pub(super) fn shown_voltage(&self) -> f64 {
+        EMPTY_V + FULL_V * self.shown_charge()
+    }
     fn take(&mut self, reference: Option<FlightReference>) {
         self.set_points += 1;
         match reference {
@@ -405,43 +357,6 @@ impl SimulatedAutopilot {
         }
     }
 
-    /// Enters the failsafe mode for a lost remote control or data link. It stays active until another mode is
-    /// commanded.
-    pub(super) fn lose_connections(&mut self) {
-        let offboard = self.in_offboard();
-        let mode = match self.firmware() {
-            Firmware::Px4 => {
-                // Bit 2: no failsafe in OFFBOARD.
-                let exempt = offboard && self.parameter("COM_RCL_EXCEPT") as u32 & 4 != 0;
-                let mode = |action: f64| match action as u32 {
-                    1 => Some(AutopilotMode::Hold),
-                    2 => Some(AutopilotMode::Return),
-                    3 => Some(AutopilotMode::Land),
-                    _ => None,
-                };
-                let remote =
-                    mode(self.parameter("NAV_RCL_ACT")).filter(|_| self.remote_control_lost && !exempt);
-                remote.or(mode(self.parameter("NAV_DLL_ACT")).filter(|_| self.data_link_lost))
-            }
-            Firmware::ArduCopter => {
-                // Bit 2: continue in GUIDED.
-                let exempt = offboard && self.parameter("FS_OPTIONS") as u32 & 4 != 0;
-                let mode = |action: f64| match action as u32 {
-                    1 | 2 | 4 => Some(AutopilotMode::Return),
-                    3 | 5 => Some(AutopilotMode::Land),
-                    7 => Some(AutopilotMode::Hold),
-                    _ => None,
-                };
-                let remote =
-                    mode(self.parameter("FS_THR_ENABLE")).filter(|_| self.remote_control_lost && !exempt);
-                remote.or(mode(self.parameter("FS_GCS_ENABLE")).filter(|_| self.data_link_lost))
-            }
-        };
-        if let Some(mode) = mode.filter(|_| self.armed()) {
-            self.choose(mode_number(self.firmware(), mode));
-        }
-    }
-
     fn mission_current(&self) -> m::MISSION_CURRENT_DATA {
         self.flight.own.report(self.flight.flies_own_mission())
     }
@@ -487,6 +402,13 @@ impl SimulatedAutopilot {
         }
     }
 
+    fn estimator_flags(&self) -> m::EstimatorStatusFlags {
+        let mut flags = flags(self.firmware(), self.is_aligned());
+        if self.conditions.dead_reckoning || self.conditions.estimator_bad {
+            flags.remove(m::EstimatorStatusFlags::ESTIMATOR_POS_HORIZ_ABS);
+        }
+        flags
+    }
     fn message(&self, which: u32) -> Option<MavlinkMessage> {
         let time_us = (self.own_time().nanos() / 1000).max(0).unsigned_abs();
         let time_boot_ms = (time_us / 1000) as u32;
@@ -499,13 +421,14 @@ impl SimulatedAutopilot {
                 if self.armed() {
                     mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
                 }
-                let autopilot = self.firmware().autopilot();
-                return Some(heartbeat(
-                    autopilot,
-                    MavType::MAV_TYPE_QUADROTOR,
-                    mode,
-                    self.mode(),
-                ));
+                M::HEARTBEAT(m::HEARTBEAT_DATA {
+                    autopilot: self.firmware().autopilot(),
+                    mavtype: MavType::MAV_TYPE_QUADROTOR,
+                    base_mode: mode,
+                    custom_mode: self.mode(),
+                    system_status: self.system_status(),
+                    mavlink_version: 3,
+                })
             }
             m::CURRENT_MODE_DATA::ID => M::CURRENT_MODE(m::CURRENT_MODE_DATA {
                 custom_mode: self.mode(),
@@ -587,9 +510,9 @@ impl SimulatedAutopilot {
                     battery_remaining: -1,
                     ..m::BATTERY_STATUS_DATA::DEFAULT
                 };
-                if self.battery_reported {
+                if self.battery_reported && self.has_battery_monitor() {
                     // Battery voltage as that of the first cell.
-                    battery.voltages[0] = ((EMPTY_V + FULL_V * self.shown_charge()) * 1e3).round() as u16;
+                    battery.voltages[0] = (self.shown_voltage() * 1e3).round() as u16;
                     battery.current_battery = (3.6e5 * CAPACITY_AH / self.endurance_s).round() as i16;
                     battery.current_consumed = (1e3 * CAPACITY_AH * self.used()).round() as i32;
                     battery.battery_remaining = (100.0 * self.shown_charge()).round() as i8;
@@ -598,7 +521,7 @@ impl SimulatedAutopilot {
             }
             // Without a signal, PX4 reports the receiver as absent. ArduCopter reports it as unhealthy, with
             // the failsafe's channel values.
-            m::RC_CHANNELS_DATA::ID if self.remote_control_lost && self.firmware() == Firmware::Px4 => {
+            m::RC_CHANNELS_DATA::ID if self.conditions.remote_lost && self.firmware() == Firmware::Px4 => {
                 return None;
             }
             m::RC_CHANNELS_DATA::ID => {
@@ -616,7 +539,7 @@ impl SimulatedAutopilot {
                     true => m::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
                     false => m::MavSysStatusSensor::empty(),
                 };
-                let (receiver, lost) = (self.channels.is_some(), self.remote_control_lost);
+                let (receiver, lost) = (self.channels.is_some(), self.conditions.remote_lost);
                 let present = bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter));
                 M::SYS_STATUS(m::SYS_STATUS_DATA {
                     onboard_control_sensors_present: present,
@@ -626,11 +549,11 @@ impl SimulatedAutopilot {
                 })
             }
             m::ESTIMATOR_STATUS_DATA::ID => M::ESTIMATOR_STATUS(m::ESTIMATOR_STATUS_DATA {
-                flags: flags(self.firmware(), self.is_aligned()),
+                flags: self.estimator_flags(),
                 ..m::ESTIMATOR_STATUS_DATA::DEFAULT
             }),
             EKF_STATUS_REPORT => {
-                let flags = flags(self.firmware(), self.is_aligned()).bits();
+                let flags = self.estimator_flags().bits();
                 return Some(MavlinkMessage::EkfStatus { flags });
             }
             m::SERVO_OUTPUT_RAW_DATA::ID => {

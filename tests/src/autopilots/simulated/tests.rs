@@ -2,6 +2,7 @@
 
 use alight_shared::frames::{Deck, Point};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
+use alight_shared::mavlink::dialect::MavState;
 use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::{LandedState, Seq};
 use alight_uav::autopilot::message::{
@@ -306,61 +307,105 @@ fn ardu_copter_level_without_attitudes() {
     assert!(truth.velocity.0.xy().norm() > 0.5);
 }
 
+/// Failsafe with these parameters: condition, mode 1 s later and 8 s later, and whether the heartbeat is CRITICAL.
+type FailsafeCase = (
+    Firmware,
+    fn(&mut SimulatedAutopilot),
+    &'static [(&'static str, f64)],
+    [AutopilotMode; 2],
+    bool,
+);
+
 #[test]
-fn remote_control_and_data_link_lost() {
-    type Change = fn(&mut SimulatedAutopilot);
-    let cases: [(Firmware, Change, AutopilotMode); 8] = [
+fn failsafes_as_their_parameters_say() {
+    use AutopilotMode::{Hold, Land, Offboard, Other, Return};
+    use Firmware::{ArduCopter, Px4};
+    let remote: fn(&mut SimulatedAutopilot) = |a| a.conditions.remote_lost = true;
+    let stick: fn(&mut SimulatedAutopilot) = SimulatedAutopilot::move_stick;
+    let station: fn(&mut SimulatedAutopilot) = |a| a.conditions.station_lost = true;
+    let estimator: fn(&mut SimulatedAutopilot) = |a| a.conditions.estimator_bad = true;
+    let reckoning: fn(&mut SimulatedAutopilot) = |a| a.conditions.dead_reckoning = true;
+    let battery: fn(&mut SimulatedAutopilot) = |a| a.battery = 0.03;
+    let fence: fn(&mut SimulatedAutopilot) = |a| a.conditions.fence_breached = true;
+    let cases: &[FailsafeCase] = &[
+        // As documented, a failsafe leaves OFFBOARD and GUIDED alone.
+        (Px4, remote, &[], [Offboard; 2], false),
+        (Px4, stick, &[], [Offboard; 2], false),
+        (Px4, station, &[], [Offboard; 2], false),
+        (Px4, fence, &[], [Offboard; 2], false),
+        (ArduCopter, remote, &[], [Offboard; 2], true),
+        (ArduCopter, stick, &[], [Offboard; 2], false),
+        (ArduCopter, station, &[], [Offboard; 2], false),
+        (ArduCopter, reckoning, &[], [Offboard; 2], false),
+        (ArduCopter, fence, &[], [Offboard; 2], false),
+        // PX4 waits in Hold before it returns or lands.
+        (Px4, remote, &[("COM_RCL_EXCEPT", 0.0)], [Hold; 2], true),
         (
-            Firmware::Px4,
-            |a| a.remote_control_lost = true,
-            AutopilotMode::Offboard,
+            Px4,
+            remote,
+            &[("COM_RCL_EXCEPT", 0.0), ("NAV_RCL_ACT", 2.0)],
+            [Hold, Return],
+            true,
         ),
         (
-            Firmware::Px4,
-            |a| (a.remote_control_lost, _) = (true, a.parameters.insert("COM_RCL_EXCEPT", 0.0)),
-            AutopilotMode::Return,
+            Px4,
+            remote,
+            &[("COM_RCL_EXCEPT", 0.0), ("NAV_RCL_ACT", 7.0)],
+            [Offboard; 2],
+            false,
         ),
+        (Px4, station, &[("NAV_DLL_ACT", 1.0)], [Hold; 2], true),
+        (Px4, stick, &[("COM_RC_OVERRIDE", 3.0)], [Other; 2], false),
+        (Px4, stick, &[("MAN_OVERRIDE_SPD", 1.0)], [Other; 2], false),
+        // The set-points of this test are positions.
+        (Px4, estimator, &[], [Land; 2], true),
+        (Px4, reckoning, &[], [Offboard, Land], true),
+        (Px4, battery, &[], [Hold, Land], true),
+        (Px4, fence, &[("GF_ACTION", 2.0)], [Hold; 2], true),
+        (ArduCopter, remote, &[("FS_OPTIONS", 16.0)], [Hold; 2], true),
         (
-            Firmware::Px4,
-            |a| a.data_link_lost = true,
-            AutopilotMode::Offboard,
+            ArduCopter,
+            remote,
+            &[("FS_OPTIONS", 16.0), ("FS_THR_ENABLE", 1.0)],
+            [Return; 2],
+            true,
         ),
-        (
-            Firmware::Px4,
-            |a| (a.data_link_lost, _) = (true, a.parameters.insert("NAV_DLL_ACT", 1.0)),
-            AutopilotMode::Hold,
-        ),
-        (
-            Firmware::ArduCopter,
-            |a| a.remote_control_lost = true,
-            AutopilotMode::Offboard,
-        ),
-        (
-            Firmware::ArduCopter,
-            |a| (a.remote_control_lost, _) = (true, a.parameters.insert("FS_OPTIONS", 0.0)),
-            AutopilotMode::Return,
-        ),
-        (
-            Firmware::ArduCopter,
-            |a| a.data_link_lost = true,
-            AutopilotMode::Offboard,
-        ),
-        (
-            Firmware::ArduCopter,
-            |a| (a.data_link_lost, _) = (true, a.parameters.insert("FS_GCS_ENABLE", 5.0)),
-            AutopilotMode::Land,
-        ),
+        (ArduCopter, station, &[("FS_GCS_ENABLE", 5.0)], [Land; 2], true),
+        (ArduCopter, estimator, &[], [Land; 2], true),
+        (ArduCopter, estimator, &[("FS_EKF_ACTION", 2.0)], [Other; 2], true),
+        (ArduCopter, reckoning, &[("FS_DR_ENABLE", 2.0)], [Return; 2], true),
+        (ArduCopter, battery, &[], [Land; 2], true),
+        (ArduCopter, fence, &[("FENCE_ACTION", 4.0)], [Hold; 2], false),
     ];
-    for (k, (firmware, change, expected)) in cases.into_iter().enumerate() {
-        let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(0.0, 0.0, -20.0));
-        change(&mut f.a);
-        let hold = track(Vector3::new(0.0, 0.0, -20.0), [0.0; 3], [0.0; 3]);
+    for (k, (firmware, condition, parameters, expected, critical)) in cases.iter().enumerate() {
+        let mut f = Flown::offboard(&ideal(*firmware), 1, Vector3::new(0.0, 0.0, -40.0));
+        f.a.parameters.extend(parameters.iter().copied());
+        condition(&mut f.a);
+        f.a.sent();
+        let hold = track(Vector3::new(0.0, 0.0, -40.0), [0.0; 3], [0.0; 3]);
         f.fly(1.0, |_| Some(hold.clone()));
-        assert_eq!(f.kind(), expected, "case {k}");
-        // This failsafe does not end when set-points resume.
-        (f.a.remote_control_lost, f.a.data_link_lost) = (false, false);
+        let first = f.kind();
+        f.fly(7.0, |_| Some(hold.clone()));
+        assert_eq!([first, f.kind()], *expected, "case {k}");
+        let announced = |m: &MavlinkMessage| matches!(m, MavlinkMessage::Text { .. });
+        let sent = f.a.sent();
+        let mut beats = sent.iter().filter_map(|m| match m {
+            MavlinkMessage::Common(MavMessage::HEARTBEAT(d)) => {
+                Some(d.system_status == MavState::MAV_STATE_CRITICAL)
+            }
+            _ => None,
+        });
+        assert_eq!(beats.next_back(), Some(*critical), "case {k}");
+        if *critical {
+            assert!(sent.iter().any(announced), "case {k}");
+        }
+        // The mode remains when the condition ends, and a person ends it.
+        f.a.conditions = FailsafeConditions::default();
         f.fly(1.0, |_| Some(hold.clone()));
-        assert_eq!(f.kind(), expected, "case {k}");
+        assert_eq!(f.kind(), expected[1], "case {k}");
+        assert!(f.a.choose(mode_number(*firmware, Offboard)));
+        f.fly(0.5, |_| Some(hold.clone()));
+        assert_eq!(f.kind(), Offboard, "case {k}");
     }
 }
 

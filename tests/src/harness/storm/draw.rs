@@ -72,9 +72,23 @@ impl Storm {
             drones,
             mast,
             moving_base: false,
+            stock: false,
+            version: None,
             faults: faults.collect(),
         };
-        storm.fitted().with_moving_base()
+        storm.fitted().with_moving_base().with_installation()
+    }
+    /// Draws the firmware's version, and in one storm of three leaves parameters that only cause a warning at the
+    /// maker's default. Uses a separate stream so that other draws do not change.
+    fn with_installation(mut self) -> Storm {
+        let mut noise = Noise::new(&Streams::new(self.seed), "storm.installation");
+        self.version = match self.autopilot {
+            Firmware::Px4 => pick(&[[1, 16], [1, 17], [1, 18]], &mut noise),
+            Firmware::ArduCopter => pick(&[[4, 6], [4, 7]], &mut noise),
+        }
+        .copied();
+        self.stock = noise.chance(1.0 / 3.0);
+        self
     }
     /// Gives one storm in six a moving base, which its first fault then affects. Uses a separate stream so
     /// that other draws do not change.

@@ -6,7 +6,7 @@ use alight_usv::deck::DeckInputs;
 use nalgebra::Vector3;
 
 use super::kinds::{FaultKind, each_kind};
-use crate::autopilots::simulated::mode_number;
+use crate::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use crate::harness::failing::Failing;
 use crate::harness::rig::Rig;
 use crate::harness::world::Checkpoints;
@@ -49,6 +49,19 @@ fn choose(rig: &mut Rig, mode: AutopilotMode) {
     if let Some(linked) = rig.world.linked(0) {
         let autopilot = &mut linked.autopilot;
         autopilot.choose(mode_number(autopilot.firmware(), mode));
+    }
+}
+
+fn move_stick(rig: &mut Rig) {
+    if let Some(linked) = rig.world.linked(0) {
+        linked.autopilot.move_stick();
+    }
+}
+/// Gives the mode back after a stick has taken it.
+fn give_back(rig: &mut Rig) {
+    let flown_by_hand = |a: &SimulatedAutopilot| a.firmware().mode(a.chosen()) == AutopilotMode::Other;
+    if rig.world.linked(0).is_some_and(|l| flown_by_hand(&l.autopilot)) {
+        choose(rig, AutopilotMode::Offboard);
     }
 }
 

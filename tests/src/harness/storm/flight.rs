@@ -1,18 +1,17 @@
 //! Flies a storm: people give orders, faults begin and end, and the rules are checked in every tick.
 
-use alight_shared::autopilot_parameters::{ARDU_COPTER, PX4};
 use alight_shared::msg::{ReasonCode, State};
-use alight_uav::autopilot::modes::Firmware;
 use serde::Serialize;
 
 use super::kinds::Takes;
 use super::people::People;
 use super::schedule::{Schedule, Scheduled};
 use super::watch::{
-    SPENT_OF_RESERVE, StormEnding, StormScene, StormWatch, Violation, end, goes_on, is_stuck, is_unreported,
-    no_last_resort,
+    RESUME_S, SPENT_OF_RESERVE, StormEnding, StormRule, StormScene, StormWatch, Violation, end, goes_on,
+    is_stuck, is_unreported, no_last_resort,
 };
 use super::{FaultKind, FlightKind, Mutant, Storm};
+use crate::autopilots::simulated::{Installed, SimulatedAutopilot, warned_by_default};
 use crate::harness::failing::Failing;
 use crate::harness::observer::NoObserver;
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
@@ -43,12 +42,23 @@ pub struct Flown {
     /// Ending of a flight whose waiting drone's battery was drained.
     pub came_down: Option<StormEnding>,
     pub violation: Option<Violation>,
+    /// Rule that was broken because of parameters at the maker's default.
+    pub warned: Option<Warned>,
     /// Started faults: kind, the mission's state, time after the order, s.
     pub began: Vec<(FaultKind, State, f64)>,
     /// States of the first drone, with entry times after the order, s.
     pub states: Vec<(&'static str, f64)>,
     /// Time from the order to the end, s.
     pub lasted_s: f64,
+    pub last_state: State,
+}
+
+/// What a warning of `alight check` is worth: the rule that a flight breaks without its parameters.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Warned {
+    /// Parameters each of which breaks a rule alone at the maker's default; empty: only several together do.
+    pub parameters: Vec<&'static str>,
+    pub violation: Violation,
 }
 
 /// `show` is called with each fault and state as it begins.
@@ -61,12 +71,79 @@ pub fn fly_mutant(
     mutant: Option<Mutant>,
     show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
-    let mut run = Run::new(storm)?;
+    let installed = if storm.stock {
+        Installed::Required
+    } else {
+        Installed::All
+    };
+    let mut flown = fly_excused(storm, installed, mutant, show)?;
+    if let Some(violation) = flown.violation
+        && storm.stock
+    {
+        let breaks = |installed| -> Result<bool, SetupError> {
+            let again = fly_excused(storm, installed, mutant, &mut |_, _| {})?;
+            Ok(again.violation.is_some())
+        };
+        if !breaks(Installed::All)? {
+            let mut parameters = Vec::new();
+            for name in warned_by_default(storm.autopilot.maker(), storm.version()) {
+                if breaks(Installed::AllBut(name))? {
+                    parameters.push(name);
+                }
+            }
+            flown.ending = StormEnding::Warned;
+            flown.violation = None;
+            flown.warned = Some(Warned {
+                parameters,
+                violation,
+            });
+        }
+    }
+    Ok(flown)
+}
+
+/// Flies a storm. A crash that faults excuse breaks a rule unless these faults alone end the flight badly.
+fn fly_excused(
+    storm: &Storm,
+    installed: Installed,
+    mutant: Option<Mutant>,
+    show: &mut dyn FnMut(f64, &str),
+) -> Result<Flown, SetupError> {
+    let mut flown = fly_once(storm, installed, mutant, show)?;
+    let excusing = storm.faults.iter().filter(|f| f.kind.excuses());
+    let alone = Storm {
+        faults: excusing.copied().collect(),
+        ..storm.clone()
+    };
+    if flown.ending != StormEnding::Crashed || alone.faults.len() == storm.faults.len() {
+        return Ok(flown);
+    }
+    let again = fly_once(&alone, installed, mutant, &mut |_, _| {})?;
+    if again.ending != StormEnding::Crashed && again.violation.is_none() {
+        flown.ending = StormEnding::Violated;
+        flown.violation = Some(Violation {
+            rule: StormRule::NotExcused,
+            t_s: flown.lasted_s,
+            figure: 0.0,
+            state: flown.last_state,
+        });
+    }
+    Ok(flown)
+}
+
+fn fly_once(
+    storm: &Storm,
+    installed: Installed,
+    mutant: Option<Mutant>,
+    show: &mut dyn FnMut(f64, &str),
+) -> Result<Flown, SetupError> {
+    let mut run = Run::new(storm, installed)?;
     while run.tick(mutant, show) {}
     // A storm ends when the battery of a waiting drone starts to run low.
     let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
         lasted_s,
+        last_state: run.rig.state(0),
         states: run
             .rig
             .entered(0)
@@ -88,6 +165,8 @@ struct Run {
     watches: Vec<StormWatch>,
     /// Time of the last active fault, s.
     last_s: f64,
+    /// Last time at which a failsafe of the autopilot had chosen the mode, s.
+    failsafe_s: f64,
     /// Last time at which the drone was not at rest on the deck, s.
     moved_s: f64,
     /// Last time at which the mission reported a condition for its next step, s.
@@ -98,11 +177,16 @@ struct Run {
 }
 
 impl Run {
-    fn new(storm: &Storm) -> Result<Run, SetupError> {
+    fn new(storm: &Storm, installed: Installed) -> Result<Run, SetupError> {
         let (mut scenario, mut nodes) = storm.scene();
         storm.flight.set_up(&mut scenario, &mut nodes);
         let mut rig = Rig::new(&scenario, &nodes, storm.seed)?;
-        set_up(&mut rig);
+        for k in 0..storm.drones.into() {
+            if let Some(linked) = rig.world.linked(k) {
+                let config = &scenario.drone.autopilot;
+                linked.autopilot.install(config, storm.version(), installed);
+            }
+        }
         rig.world.set_deck_shared();
         Ok(Run {
             flight: storm.flight,
@@ -112,6 +196,7 @@ impl Run {
             shown: 1,
             watches: vec![StormWatch::default(); storm.drones.into()],
             last_s: 0.0,
+            failsafe_s: f64::NEG_INFINITY,
             moved_s: 0.0,
             reported_s: 0.0,
             runs_low_s: None,
@@ -121,8 +206,10 @@ impl Run {
                 came_down: None,
                 violation: None,
                 began: Vec::new(),
+                warned: None,
                 states: Vec::new(),
                 lasted_s: 0.0,
+                last_state: State::Idle,
             },
         })
     }
@@ -214,7 +301,12 @@ impl Run {
 
     fn look(&mut self) -> Option<Violation> {
         let rig = &self.rig;
+        let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
+        if autopilot.is_some_and(SimulatedAutopilot::obeys_failsafe) {
+            self.failsafe_s = rig.t_s();
+        }
         let scene = StormScene {
+            failsafe: rig.t_s() < self.failsafe_s + RESUME_S,
             runs_low: self.runs_low_s.is_some(),
             ..scene_of(self.flight, &self.faults.0, self.people.ordered_s(), rig.t_s())
         };
@@ -257,21 +349,6 @@ impl Run {
     }
 }
 
-/// Sets the autopilot's parameters to the values that `alight check` requires.
-fn set_up(rig: &mut Rig) {
-    let Some(linked) = rig.world.linked(0) else { return };
-    let autopilot = &mut linked.autopilot;
-    let asked = match autopilot.firmware() {
-        Firmware::Px4 => PX4,
-        Firmware::ArduCopter => ARDU_COPTER,
-    };
-    for p in asked {
-        if let Some(value) = autopilot.parameters.get_mut(p.name).filter(|v| !p.suits(**v)) {
-            *value = p.wanted.value();
-        }
-    }
-}
-
 fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) -> StormScene {
     let began = || faults.iter().filter_map(|f| Some((f, f.timer.began_s?)));
     let newest_s = began().map(|(f, at)| {
@@ -293,10 +370,11 @@ fn scene_of(flight: FlightKind, faults: &[Scheduled], ordered_s: f64, t_s: f64) 
         withdrawn_s.is_some_and(|w| ordered_s > w || began().any(|(f, at)| orders(f) && at >= w - NOTICED_S));
     StormScene {
         flight,
+        failsafe: false,
         runs_low: false,
         faults: began().filter(|(f, at)| until(TOGETHER_S)(f, *at)).count(),
         newest_s: newest_s.fold(f64::NEG_INFINITY, f64::max),
-        uncommanded: takes(Takes::Command, super::watch::RESUME_S),
+        uncommanded: takes(Takes::Command, RESUME_S),
         without_power: takes(Takes::Power, 1.0),
         charge_left: began().filter_map(|(f, _)| f.charge_left).reduce(f64::min),
         aborted_s,

@@ -61,7 +61,23 @@ macro_rules! names {
                 STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
             pub const fn empties(self) -> bool {
-                matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags)
+                matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags | FaultKind::BatteryReadsLow)
+            }
+            /// Whether the autopilot has a failsafe of its own for the fault.
+            pub const fn has_failsafe(self) -> bool {
+                self.empties()
+                    || matches!(
+                        self,
+                        FaultKind::RemoteLost
+                            | FaultKind::StationLost
+                            | FaultKind::EstimatorFailed
+                            | FaultKind::DeadReckoning
+                            | FaultKind::FenceBreached
+                    )
+            }
+            /// Whether a bad ending may be excused by the fault.
+            pub fn excuses(self) -> bool {
+                self.spec().takes != Takes::Nothing || self.has_failsafe()
             }
             /// Whether the fault affects a moving base and is drawn only for storms with one.
             pub const fn needs_moving_base(self) -> bool {
@@ -232,6 +248,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.drone.blind = true);
     ImagesLate, "images-late", "delay, s", [0.02, 0.3], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.drone.images_late_s = size);
+    #[serde(alias = "neighbour-seen")]
     NeighbourDetected, "neighbour-detected", "m to the east", [3.0, 30.0], [0.5, 10.0], Nothing,
         Lasting(|f, size| f.drone.neighbour_offset_m[1] = size);
     ImagesLossy, "images-lossy", "fraction lost", [0.3, 0.95], [1.0, 20.0], Nothing,
@@ -293,7 +310,24 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     BatteryUnknown, "battery-unknown", "", NONE, [1.0, 60.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
     RemoteLost, "remote-lost", "", NONE, [1.0, 20.0], Nothing,
-        Lasting(|f, _| f.autopilot.remote_control_lost = true);
+        Lasting(|f, _| f.autopilot.conditions.remote_lost = true);
+    /// The pilot moves a stick, then gives the mode back.
+    StickMoved, "stick-moved", "", NONE, [0.5, 10.0], Command,
+        Events(|r, _| move_stick(r), |r, _| give_back(r));
+    StationLost, "station-lost", "", NONE, [1.0, 20.0], Nothing,
+        Lasting(|f, _| f.autopilot.conditions.station_lost = true);
+    /// The estimator rejects its measurements, and its position drifts.
+    EstimatorFailed, "estimator-failed", "m/s to the north", [-0.5, 0.5], [1.0, 20.0], Nothing,
+        Lasting(|f, size| (f.autopilot.conditions.estimator_bad, f.autopilot.drift_mps) = (true, size));
+    /// GNSS is lost; the position drifts.
+    DeadReckoning, "dead-reckoning", "m/s to the north", [-0.5, 0.5], [1.0, 60.0], Nothing,
+        Lasting(|f, size| (f.autopilot.conditions.dead_reckoning, f.autopilot.drift_mps) = (true, size));
+    /// The autopilot's gauge reads this charge, and its own battery failsafe acts on it.
+    BatteryReadsLow, "battery-reads-low", "charge, 0 to 1", [0.0, 0.1], [1.0, 20.0], Nothing,
+        Lasting(|f, size| f.autopilot.battery_reads = Some(size.max(0.0)));
+    /// The drone is beyond a fence of the autopilot, which the boat has left.
+    FenceBreached, "fence-breached", "", NONE, [1.0, 60.0], Nothing,
+        Lasting(|f, _| f.autopilot.conditions.fence_breached = true);
     MotorWeak, "motor-weak", "fraction lost", [0.05, 0.3], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[0] = f.weak[0].max(size));
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,

@@ -15,6 +15,7 @@ mod schedule;
 mod shrink;
 pub mod watch;
 
+use alight_shared::autopilot_parameters::Version;
 use alight_shared::config::{self, ConfigError, Keys};
 use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
@@ -30,7 +31,7 @@ pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
 pub use effects::Effect;
 pub use fault::{Fault, Moment};
-pub use flight::{Flown, fly, fly_mutant};
+pub use flight::{Flown, Warned, fly, fly_mutant};
 pub use kinds::{FaultKind, Spec, Takes};
 pub use plan::FlightKind;
 pub use schedule::{FaultTimer, FaultTurn, Schedule};
@@ -61,9 +62,21 @@ pub struct Storm {
     pub mast: bool,
     #[serde(default)]
     pub moving_base: bool,
+    /// Parameters that only cause a warning are at the maker's default.
+    #[serde(default)]
+    pub stock: bool,
+    /// Version of the firmware, major and minor number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub version: Option<Version>,
     #[serde(default, rename = "fault")]
     pub faults: Vec<Fault>,
 }
+
+/// Names in lists of older versions, with the present equivalent.
+const FORMER: [(&str, &str); 1] = [(
+    "flight = \"helm\"",
+    "flights whose computer steered the vessel were removed: write flight = \"landing\"",
+)];
 
 const fn one() -> u8 {
     1
@@ -86,9 +99,18 @@ pub enum StormError {
 impl Storm {
     /// Reads TOML; an error names the value that is out of range.
     pub fn read(text: &str) -> Result<Storm, StormError> {
+        if let Some((former, advice)) = FORMER.iter().find(|(former, _)| text.contains(former)) {
+            return Err(StormError::Toml(format!(
+                "`{former}` is of an older version; {advice}"
+            )));
+        }
         let storm: Storm = config::read(text, "the list").map_err(|e| StormError::Toml(e.to_string()))?;
         storm.check().map_err(|e| StormError::Range(e.to_string()))?;
         Ok(storm)
+    }
+    /// Version of the firmware: the list's, otherwise a usual one.
+    pub fn version(&self) -> Version {
+        self.version.unwrap_or(self.autopilot.maker().assumed())
     }
     pub fn text(&self) -> String {
         toml::to_string(self).unwrap_or_default()
@@ -159,6 +181,12 @@ mod tests {
         let wrong = Storm::drawn(1, 2).text().replace("wind_mps = ", "wind_mps = 9");
         assert!(matches!(Storm::read(&wrong), Err(StormError::Range(_))));
         assert!(matches!(Storm::read("seed = 1"), Err(StormError::Toml(_))));
+        let former = aimed.text().replace("range-zero", "neighbour-seen");
+        let kind = |storm: Storm| storm.faults[3].kind;
+        assert_eq!(Storm::read(&former).map(kind), Ok(FaultKind::NeighbourDetected));
+        let helm = former.replace("flight = \"", "flight = \"helm\" # ");
+        let error = Storm::read(&helm).unwrap_err().to_string();
+        assert!(error.contains("helm") && error.contains("landing"), "{error}");
     }
 
     #[test]

@@ -42,8 +42,10 @@ pub enum StormEnding {
     Landed,
     /// Away from the deck, with a stated reason.
     Waits,
-    /// Off the deck with motors off, or in the water, after a fault that excuses it.
+    /// Off the deck with motors off, or in the water, after a fault that excuses it: alone it ends as badly.
     Crashed,
+    /// A rule was broken because parameters that only cause a warning are at the maker's default.
+    Warned,
     Violated,
 }
 
@@ -73,6 +75,8 @@ pub enum StormRule {
     Stuck,
     /// Waited in OFFBOARD (GUIDED) next to a free deck until the battery was spent.
     NoLastResort,
+    /// Crashed, although the faults that excuse it end well alone.
+    NotExcused,
     /// Waits in the air without reporting its charge (sufficient or low) or its next step.
     WaitsUnreported,
 }
@@ -117,6 +121,9 @@ impl fmt::Display for Violation {
                 "waited next to a free deck until its battery was at {:.0} %",
                 100.0 * figure
             ),
+            StormRule::NotExcused => {
+                write!(f, "crashed, although the faults that excuse it end well alone")
+            }
             StormRule::WaitsUnreported => write!(
                 f,
                 "waits with its battery at {:.0} % and reports neither that nor its next step",
@@ -137,6 +144,8 @@ pub struct StormScene {
     pub newest_s: f64,
     /// Set-points are missing or have just resumed.
     pub uncommanded: bool,
+    /// A failsafe of the autopilot has chosen the mode.
+    pub failsafe: bool,
     /// A fault has reduced the thrust.
     pub without_power: bool,
     /// The drone waits for its battery to run low.
@@ -151,6 +160,9 @@ pub struct StormScene {
 }
 
 impl StormScene {
+    const fn is_uncommanded(&self) -> bool {
+        self.uncommanded || self.failsafe
+    }
     fn lands_with(&self, rig: &Rig) -> bool {
         let reserve = rig.nodes.drone.mission.battery_reserve;
         self.charge_left.is_none_or(|left| left >= LANDS_WITH * reserve)
@@ -159,6 +171,7 @@ impl StormScene {
     const fn of_others(&self) -> StormScene {
         StormScene {
             uncommanded: false,
+            failsafe: false,
             without_power: false,
             charge_left: None,
             aborted_s: None,
@@ -217,7 +230,7 @@ impl StormWatch {
         let t_s = rig.t_s();
         let too_recent = t_s < scene.newest_s + GRACE_S;
         let without_power = scene.without_power || is_empty(rig, k) && !scene.lands_with(rig);
-        let excused = scene.uncommanded || without_power || too_recent || self.elsewhere;
+        let excused = scene.is_uncommanded() || without_power || too_recent || self.elsewhere;
         let strikes = |c: &ContactEvent| !c.foot || c.normal_mps > MAX_CONTACT_MPS;
         let rests = !o.motors_on || o.in_water || !o.contacts.is_empty();
         if excused && o.contacts.iter().any(strikes) || self.struck_s.is_some() && rests {
@@ -261,7 +274,7 @@ impl StormWatch {
         let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
         let carried_s = lasts(&mut self.carries_since_s, carries, t_s);
-        if carried_s > CARRY_S && !scene.uncommanded {
+        if carried_s > CARRY_S && !scene.is_uncommanded() {
             return Some((StormRule::CarriesLanded, carried_s));
         }
         // Motors may turn on the deck in these states.
@@ -273,7 +286,7 @@ impl StormWatch {
             .get(k)
             .is_some_and(|d| d.still_armed_s().is_some());
         let armed_s = lasts(&mut self.armed_since_s, stands && !reported, t_s);
-        (armed_s > ARMED_S && !scene.uncommanded).then_some((StormRule::StillArmed, armed_s))
+        (armed_s > ARMED_S && !scene.is_uncommanded()).then_some((StormRule::StillArmed, armed_s))
     }
 
     /// Checks for ignored aborts, and for descents whose order was withdrawn.
@@ -313,12 +326,13 @@ impl StormWatch {
         let excused = scene.uncommanded || scene.without_power || self.struck_s.is_some();
         let gap_m = o
             .keep_out_gap_m
-            .filter(|gap| *gap < 0.0 && o.motors_on && !excused);
+            .filter(|gap| *gap < 0.0 && o.motors_on && !excused && !scene.failsafe);
         if let Some(gap_m) = gap_m {
             return Some((StormRule::KeepOut, gap_m));
         }
         let on_deck = state.stands_for_take_off() || state == State::TakeOff;
-        let descends = on_deck || state.meets_deck() || state == State::Idle;
+        let stands = state == State::Idle && o.feet_height_m().abs() < FALSE_STOP_M;
+        let descends = on_deck || state.meets_deck() || stands;
         let low = o.motors_on && o.feet_height_m() < LOW_M && o.horizontal_m < LOW_M;
         let low_s = lasts(&mut self.low_since_s, low && !descends && !excused, t_s);
         if low_s > LOW_S {

@@ -88,6 +88,7 @@ pub(super) fn decode(message: M) -> Option<MavlinkMessage> {
         | M::COMMAND_LONG(_)
         | M::COMMAND_ACK(_)
         | M::ATTITUDE_TARGET(_)
+        | M::AUTOPILOT_VERSION(_)
         | M::HIL_ACTUATOR_CONTROLS(_)
         | M::HIGHRES_IMU(_)
         | M::TIMESYNC(_)

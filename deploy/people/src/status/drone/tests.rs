@@ -3,7 +3,7 @@ use crate::status::Status;
 use alight_computer::exit::Exit;
 use alight_computer::process::snapshot::Newest;
 use alight_computer::process::snapshot::Snapshot;
-use alight_shared::autopilot_parameters::of_px4;
+use alight_shared::autopilot_parameters::Maker;
 use alight_shared::msg::{
     ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DeckStage, DroneState, Header, LinkState,
     MissionSettings, Reason, RelativeState, Seq, WaveModel,
@@ -164,7 +164,10 @@ fn status_page_with_every_alarm() {
 #[test]
 fn parameter_that_forbids_no_landing() {
     let mut s = flying();
-    let (number, _) = of_px4().find(|(_, p)| p.name == "MC_AIRMODE").unwrap();
+    let (number, _) = Maker::Px4
+        .parameters([1, 17])
+        .find(|(_, p)| p.name == "MC_AIRMODE")
+        .unwrap();
     s.autopilot = came(AutopilotState {
         warning: Reason::new(ReasonCode::AutopilotParameter, 0.0, number as f64),
         ..AutopilotState::default()

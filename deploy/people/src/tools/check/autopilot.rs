@@ -12,7 +12,7 @@ use alight_shared::time::{DroneClock, Span, Time};
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::message::{
     AUTOPILOT_COMPONENT, Address, CommandLong, MavAutopilot, MavMessage as M, MavModeFlag, MavType,
-    MavlinkMessage, ParameterValue, heartbeat, text,
+    MavlinkMessage, ParameterValue, heartbeat, text, version,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::parameters::Parameters;
@@ -121,6 +121,7 @@ impl Inquiry<'_> {
                 let value = ParameterValue::read(d.param_value, d.param_type);
                 p.received(&text(&d.param_id), value);
             }
+            (M::AUTOPILOT_VERSION(d), Some((from, p))) if *from == sender => p.on_version(version(d)),
             (M::GPS_GLOBAL_ORIGIN(d), Some((from, _))) if *from == sender => {
                 self.report.origin = Some(mavlink::place(d.latitude, d.longitude, d.altitude));
             }
@@ -151,7 +152,6 @@ impl Inquiry<'_> {
         );
         let alive = self.heartbeat.is_due_spaced(now, HEARTBEAT).then_some(own);
         let request = self.found.as_mut().and_then(|(to, p)| p.ask(now, *to));
-        let request = request.map(|request| M::PARAM_REQUEST_READ(request).into());
         let mut messages: Vec<MavlinkMessage> = alive.into_iter().chain(request).collect();
         if let Some((to, _)) = &self.found
             && self.report.origin.is_none()

@@ -347,7 +347,7 @@ fn signing(check: &SigningCheck, orders: bool) -> Finding {
 fn several_autopilots([first, other]: [u8; 2]) -> Finding {
     FindingTopic("autopilot").stopping(
         format!("autopilots of two vehicles, {first} and {other}, are received: no landing begins"),
-        "set autopilot.vehicle to the system id of this drone's autopilot (PX4 MAV_SYS_ID, ArduPilot SYSID_THISMAV)",
+        "set autopilot.vehicle to the system id of this drone's autopilot (PX4 MAV_SYS_ID, ArduPilot MAV_SYSID, before 4.7 SYSID_THISMAV)",
     )
 }
 
@@ -385,9 +385,9 @@ fn parameters(reported: &AutopilotReport, rejects: bool) -> Vec<Finding> {
         .map(|(p, why)| {
             let wrong = why.to_string();
             let change = if why.code == ReasonCode::AutopilotParameterUnknown {
-                "check the link".to_owned()
+                "check the link, and whether its firmware has this parameter".to_owned()
             } else {
-                format!("set {} on the autopilot", p.name)
+                format!("set {} to {} on the autopilot", p.name, p.corrected(why.value))
             };
             match p.severity {
                 Severity::Reject if rejects => TOPIC.broken(wrong, change),

@@ -13,7 +13,7 @@ use alight_computer::io::mavlink_key;
 use alight_computer::situation::SourceHealth;
 use alight_computer::subject::Computer;
 use alight_computer::terminal::Form;
-use alight_shared::autopilot_parameters::of_px4;
+use alight_shared::autopilot_parameters::Maker;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::{Signatures, Signing};
@@ -154,7 +154,7 @@ fn unreported(name: &str, requests: u32) -> Option<Option<AutopilotReport>> {
     against(name, ReasonCode::AutopilotParameterUnknown, f64::from(requests))
 }
 fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotReport>> {
-    let one = of_px4().filter(|(_, p)| p.name == name);
+    let one = Maker::Px4.parameters([1, 17]).filter(|(_, p)| p.name == name);
     Some(Some(AutopilotReport {
         parameters: one
             .map(|(number, p)| (p, Reason::new(code, value, number as f64)))
@@ -558,10 +558,6 @@ fn autopilot_check_over_the_link() {
         .map(|(p, why)| (p.name, why.code, why.value))
         .collect();
     let code = ReasonCode::AutopilotParameter;
-    let expected = [
-        ("MPC_ACC_UP_MAX", code, 4.0),
-        ("MC_AIRMODE", code, 0.0),
-        ("NAV_RCL_ACT", code, 2.0),
-    ];
+    let expected = [("MPC_ACC_UP_MAX", code, 4.0)];
     assert_eq!(wrong, expected);
 }

@@ -186,7 +186,7 @@ const DRONE_BROKEN: &[Fault] = &[
     ),
     (
         |f| f.reported = unreported("COM_OF_LOSS_T", 10),
-        "(10 requests); for a firmware without it set autopilot.check_parameters = false",
+        "the autopilot has not reported COM_OF_LOSS_T (10 requests)",
     ),
     (
         |f| f.autopilot = Some(("usb".into(), Err("no kind of link".into()))),

@@ -1,0 +1,126 @@
+//! Each failsafe of the autopilot in each state of a flight, over both firmwares.
+
+use alight_shared::msg::State;
+use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Storm, StormEnding, fly};
+use alight_sim::physics::vessel::VesselCourse;
+use alight_uav::autopilot::modes::Firmware;
+use rayon::prelude::*;
+
+use super::BOTH;
+
+const KINDS: [FaultKind; 7] = [
+    FaultKind::RemoteLost,
+    FaultKind::StickMoved,
+    FaultKind::StationLost,
+    FaultKind::FenceBreached,
+    FaultKind::DeadReckoning,
+    FaultKind::EstimatorFailed,
+    FaultKind::BatteryReadsLow,
+];
+const MOMENTS: [(Moment, FlightKind); 8] = [
+    (Moment::In(State::Approach), FlightKind::Landing),
+    (Moment::In(State::Tracking), FlightKind::Landing),
+    (Moment::In(State::Descent), FlightKind::Landing),
+    (Moment::In(State::Flare), FlightKind::Landing),
+    (Moment::Contact, FlightKind::Landing),
+    (Moment::In(State::Landed), FlightKind::Landing),
+    (Moment::In(State::TakeOff), FlightKind::TakeOff),
+    (Moment::In(State::Hold), FlightKind::Station),
+];
+
+/// Storm with this fault alone, 0.2 s after the moment for 10 s, in a sea of three waves of 0.2 m.
+fn cell(firmware: Firmware, kind: FaultKind, moment: Moment, flight: FlightKind, stock: bool) -> Storm {
+    let fault = Fault {
+        size: if kind == FaultKind::BatteryReadsLow {
+            0.03
+        } else {
+            0.2
+        },
+        ..Fault::new(kind, moment, 0.2, 10.0)
+    };
+    Storm {
+        flight,
+        autopilot: firmware,
+        sea: [0.2, 5.0],
+        course: VesselCourse::Drift,
+        speed_mps: 0.0,
+        wind_mps: 0.0,
+        reserved: flight == FlightKind::TakeOff,
+        drones: 1,
+        mast: false,
+        moving_base: false,
+        stock,
+        version: None,
+        faults: vec![fault],
+        ..Storm::drawn(1, 0)
+    }
+}
+
+fn flown(storm: &Storm) -> Flown {
+    fly(storm, &mut |_, _| {}).unwrap()
+}
+
+/// With the documented parameters these failsafes leave OFFBOARD and GUIDED alone, and the landing goes on.
+#[test]
+fn failsafes_that_leave_the_landing_alone() {
+    let moments = [
+        Moment::In(State::Descent),
+        Moment::In(State::Flare),
+        Moment::Contact,
+    ];
+    let cells: Vec<Storm> = BOTH
+        .into_iter()
+        .flat_map(|firmware| KINDS[..4].iter().map(move |kind| (firmware, *kind)))
+        .flat_map(|(firmware, kind)| {
+            moments.map(|moment| cell(firmware, kind, moment, FlightKind::Landing, false))
+        })
+        .collect();
+    let wrong: Vec<String> = cells
+        .par_iter()
+        .filter_map(|storm| {
+            let f = flown(storm);
+            let landed = f.ending == StormEnding::Landed && !f.began.is_empty();
+            if landed {
+                None
+            } else {
+                Some(format!("{f:?}\n{}", storm.text()))
+            }
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+fn ending(f: &Flown) -> String {
+    let warned = f.warned.as_ref().map(|w| w.violation);
+    match f.violation.or(warned) {
+        Some(violation) => format!("{:?}", violation.rule),
+        None if f.began.is_empty() => "-".into(),
+        None => format!("{:?}", f.ending).to_lowercase(),
+    }
+}
+
+#[test]
+#[ignore = "flies and prints 224 cells, with the documented parameters and with the makers' defaults"]
+fn every_failsafe_in_every_state() {
+    let mut broken = Vec::new();
+    for (stock, firmware, kind) in [false, true]
+        .into_iter()
+        .flat_map(|stock| BOTH.map(|firmware| (stock, firmware)))
+        .flat_map(|(stock, firmware)| KINDS.map(|kind| (stock, firmware, kind)))
+    {
+        let cells = MOMENTS.map(|(moment, flight)| cell(firmware, kind, moment, flight, stock));
+        let all: Vec<Flown> = cells.par_iter().map(flown).collect();
+        let installed = if stock {
+            "makers' defaults"
+        } else {
+            "as documented"
+        };
+        let row = all.iter().map(ending).collect::<Vec<_>>().join(", ");
+        println!("{installed}, {firmware:?}, {}: {row}", kind.name());
+        broken.extend(
+            all.into_iter()
+                .filter_map(|f| Some((firmware, kind, f.violation?))),
+        );
+    }
+    assert!(broken.is_empty(), "{broken:#?}");
+}
