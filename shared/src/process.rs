@@ -8,7 +8,7 @@ use crate::msg::Seq;
 use crate::tags::ForeignTag;
 
 /// Maximum number of topics read by one process.
-pub const MAX_INPUTS: usize = 12;
+pub const MAX_INPUTS: usize = 14;
 
 macro_rules! processes {
     ($($(#[$about:meta])* $kind:ident: $name:literal;)*) => {

@@ -51,7 +51,8 @@ computer! {
         };
         /// Set-point generator.
         pilot: Pilot => ProcessKind::Pilot, |nodes, boot| {
-            Pilot::new(&nodes.drone.pilot, &nodes.drone.airframe, nodes.id(), boot)
+            let drone = &nodes.drone;
+            Pilot::new(&drone.pilot, &drone.airframe, &drone.deck, nodes.id(), boot)
         };
     }
     /// The only list of the drone's processes.

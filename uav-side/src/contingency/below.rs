@@ -1,10 +1,11 @@
 //! State of the drone relative to the deck below it.
 
-use alight_shared::geometry::DroneGeometry;
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::landing::FRICTION;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
 use alight_shared::surroundings::Surroundings;
 use alight_shared::time::{DroneClock, Time};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::climb::BELOW_M;
 use crate::surroundings::ring_m;
@@ -38,6 +39,27 @@ pub(crate) const NEAR_DECK_M: f64 = 3.0;
 /// Clearance of a holding drone above the highest predicted deck, m.
 const KEEPS_CLEAR_M: f64 = 1.0;
 
+/// Distance of the feet's centre outside the area where all feet stand, m, beyond which a drone does not stay on the
+/// deck.
+/// Source: half of the feet's span, with half of the feet off the deck.
+pub(crate) const LOST_OUTSIDE_M: f64 = 0.2;
+/// Time from a contact to the stop of the motors, s, and friction on a wet deck that tilts.
+const STOPS_S: f64 = 0.3;
+const WET_FRICTION: f64 = 0.5 * FRICTION;
+
+/// Distance of the feet's centre (in the deck's plane, along and across, m) outside the area on which all feet stand,
+/// m; negative inside.
+pub(crate) fn outside_m(feet: &Vector2<f64>, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
+    let along = feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
+    let across = feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
+    along.max(across)
+}
+
+/// Slide of feet that touch the deck with the speed `v` along it, m: `v (T + |v| / (2 mu g))`.
+pub(crate) fn slide(v: &Vector2<f64>) -> Vector2<f64> {
+    v * (STOPS_S + v.norm() / (2.0 * WET_FRICTION * GRAVITY))
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
     pub(crate) stage: DeckStage,
@@ -46,6 +68,8 @@ pub(crate) struct DeckBelow {
     pub(crate) clearance: f64,
     /// Speed away from the deck along its normal, m/s.
     pub(crate) normal_speed: f64,
+    /// Centre of the feet in the deck's plane after a contact now, m.
+    pub(crate) rests_at: Vector2<f64>,
     /// Predicted rise of the deck up to the forecast's horizon, m.
     rises: f64,
 }
@@ -59,12 +83,16 @@ impl DeckBelow {
         drone: &DroneGeometry,
     ) -> Option<DeckBelow> {
         let stage = forecast.at(now.max(forecast.header.at))?;
+        let to_deck = stage.rotation().transpose();
+        let feet = body.position + body.attitude * Vector3::z() * drone.feet_below_m;
+        let along = to_deck * (body.velocity - Vector3::from(stage.velocity));
         let rises = forecast.stages.iter().map(|s| stage.position[2] - s.position[2]);
         Some(DeckBelow {
             stage,
             around: forecast.surroundings,
             clearance: stage.height_of(&body.position) - drone.feet_below_m,
             normal_speed: stage.speed_away(&body.velocity),
+            rests_at: (to_deck * (feet - Vector3::from(stage.position))).xy() + slide(&along.xy()),
             rises: rises.fold(0.0, f64::max),
         })
     }

@@ -16,6 +16,7 @@ use super::reservation::{Reservation, stated_course};
 use super::situation::{Charges, ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
 use super::situation::{rotors_carry, several, tips_rad};
 use super::take_off;
+use crate::contingency::outside_m;
 
 impl MissionNode {
     /// On each new forecast, updates the odds of a landing and the probability above which waiting does not pay.
@@ -96,6 +97,12 @@ impl MissionNode {
         };
         let autopilot = self.autopilot.fresh(now, topics::AUTOPILOT.stale_after);
         let others = self.others();
+        let outside = |feet: fn(&Deck) -> Vector2<f64>| {
+            let at = deck.as_ref().map(feet);
+            at.map_or(f64::INFINITY, |at| {
+                outside_m(&at, &self.deck_geometry, &self.drone_geometry)
+            })
+        };
         Situation {
             now,
             flight: ControlState::of(autopilot, c.mode),
@@ -127,9 +134,8 @@ impl MissionNode {
             forecast_limit_s: topics::FORECAST.stale_after.secs(),
             plan_age_s: self.plan_age_s(now),
             plan_limit_s: topics::PLAN.stale_after.secs(),
-            outside_m: deck.map_or(f64::INFINITY, |d| {
-                d.outside_m(&self.deck_geometry, &self.drone_geometry)
-            }),
+            outside_m: outside(|d| d.feet),
+            rests_outside_m: outside(|d| d.feet + d.slide),
             reservation: Reservation::of(self.grant.get(), self.drone_id, now, c),
             other_deck: (self.grant.get().and_then(|g| g.dimensions))
                 .and_then(|vessel| self.deck_geometry.dimensions().differs_from(&vessel)),

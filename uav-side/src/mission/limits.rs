@@ -2,6 +2,8 @@
 
 use alight_shared::msg::{Reason, ReasonCode};
 
+pub(super) use crate::contingency::LOST_OUTSIDE_M;
+
 /// Distance from the approach height at which Get altitude ends, m.
 pub(super) const HEIGHT_TOLERANCE_M: f64 = 1.0;
 /// Time for which the deck must be detected to confirm visual contact, s.
@@ -11,9 +13,6 @@ pub(super) const STEADY_DISTANCE_M: f64 = 1.5;
 /// Maximum difference from the tracking height of a steady drone, m.
 /// Source: at tracking height the drone does not follow heave.
 pub(super) const STEADY_HEIGHT_M: f64 = 2.0;
-/// Distance of the feet's centre outside the area where all feet stand, m, at which a committed flare is broken off.
-/// Source: half of the feet's span, with half of the feet off the deck.
-pub(super) const LOST_OUTSIDE_M: f64 = 0.2;
 /// Time for which an order to land waits for a drone that is disarmed or under other control, s: enough to arm, take
 /// off and select the mode. For a drone under our control the order lasts as long as a landing may.
 pub(super) const ORDER_WAITS_S: f64 = 60.0;

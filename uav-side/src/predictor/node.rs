@@ -3,9 +3,9 @@ use alight_shared::bus::wiring;
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, PREDICTED_SLOPE_STEP_S,
-    PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S, SLOPE_WINDOWS, Source, TagPose, UvdarFix,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, MissionState,
+    PREDICTED_SLOPE_STEP_S, Plan, PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S, SLOPE_WINDOWS,
+    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
@@ -32,10 +32,10 @@ use super::measurement;
 use super::observation::{self, DeckObservation, ObservationKind};
 use super::own::OwnModel;
 use super::relative::RelativeTrust;
+use super::succession::PredictorSuccession;
 use super::track::DroneTrack;
 use super::waves::{AXES, Waves};
 use ObservationKind::{Estimate, Range, Tag};
-use alight_shared::checkpoint::Recovery;
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PredictorIn {
@@ -53,6 +53,9 @@ pub struct PredictorIn {
     pub uvdar: Vec<UvdarFix>,
     pub ranges: Vec<RangeSample>,
     pub relative: Vec<RelativePlace>,
+    /// Plan and mission of a drone in flight, for a successor.
+    pub plan: Option<Plan>,
+    pub mission: Option<MissionState>,
     pub checkpoint: Option<PredictorCheckpoint>,
 }
 
@@ -79,6 +82,8 @@ wiring! {
             all uvdar: UvdarFix,
             all ranges: RangeSample,
             all relative: RelativePlace,
+            newest plan: Plan,
+            newest mission: MissionState,
         }
         writes { forecast: DeckForecast }
         wakes { DroneState }
@@ -124,8 +129,8 @@ pub struct Predictor {
     slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
-    /// Set until it is known whether a predecessor was flying.
-    recovery: Option<Recovery<PredictorCheckpoint>>,
+    /// Set until the forecast agrees with what a predecessor left.
+    succession: Option<PredictorSuccession>,
     rejections: Rejections,
 }
 
@@ -157,19 +162,18 @@ impl Predictor {
             slopes: None,
             surroundings: Surroundings::default(),
             next: Periodic::default(),
-            recovery: None,
+            succession: None,
             rejections: Rejections::default(),
         }
     }
     pub fn boot(&self) -> u32 {
         self.boot
     }
-    /// Configures a restart after a possible crash. The predictor publishes nothing until its predecessor's checkpoint
-    /// is known, because a forecast from the radio alone may be off by metres and would end a landing.
+    /// Configures a restart after a possible crash.
     #[must_use]
     pub fn as_successor(self) -> Self {
         Predictor {
-            recovery: Some(Recovery::default()),
+            succession: Some(PredictorSuccession::default()),
             ..self
         }
     }
@@ -291,15 +295,21 @@ impl Predictor {
 
     /// Applies the predecessor's checkpoint once the radio gives the deck's position, unless the deck is detected
     /// first.
-    fn begin(&mut self, now: Time<DroneClock>, given: Option<&PredictorCheckpoint>) {
-        let Some(recovery) = &mut self.recovery else {
+    fn begin(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+        let sees = self.fused_at(&CAMERA).is_some();
+        let Some(succession) = &mut self.succession else {
             return;
         };
-        if !recovery.poll(now, self.boot, given) {
+        succession.receive(input.plan.as_ref(), input.mission.as_ref());
+        if succession.is_read
+            || !succession
+                .recovery
+                .poll(now, self.boot, input.checkpoint.as_ref())
+        {
             return;
         }
-        let Some(m) = recovery.checkpoint().filter(|_| self.fused_at(&CAMERA).is_none()) else {
-            self.recovery = None;
+        let Some(m) = succession.recovery.checkpoint().filter(|_| !sees) else {
+            succession.is_read = true;
             return;
         };
         let (Some(drone), Some(filter), Some((vessel_boot, _))) =
@@ -307,11 +317,28 @@ impl Predictor {
         else {
             return;
         };
-        self.recovery = None;
+        succession.is_read = true;
         if checkpoint::is_valid(now, drone, vessel_boot, &m) {
             let noise = AxisNoise::all(&self.config);
             filter.resume(&m, &checkpoint::variances(now, &noise, &m));
         }
+    }
+
+    /// Forecast to publish; a successor's first one must agree with what it inherits.
+    fn led(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
+        if self.succession.as_ref().is_some_and(|s| !s.is_read) {
+            return None;
+        }
+        let forecast = self.forecast(now)?;
+        if self
+            .succession
+            .as_ref()
+            .is_some_and(|s| !s.agrees(now, &forecast, &self.config))
+        {
+            return None;
+        }
+        self.succession = None;
+        Some(forecast)
     }
 
     /// Checkpoint of the newest observation, published with the forecast that has this header.
@@ -543,14 +570,10 @@ impl Node for Predictor {
         self.receive(now, input);
         self.measure(now, input);
         self.identify(now);
-        self.begin(now, input.checkpoint.as_ref());
+        self.begin(now, input);
         let period = Span::from_secs(1.0 / self.config.rate_hz);
         let due = self.next.is_due(now, period);
-        let forecast = if due && self.recovery.is_none() {
-            self.forecast(now)
-        } else {
-            None
-        };
+        let forecast = if due { self.led(now) } else { None };
         PredictorOut {
             checkpoint: forecast.as_ref().and_then(|f| self.checkpoint(&f.header)),
             forecast,

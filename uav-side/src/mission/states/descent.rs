@@ -160,7 +160,8 @@ pub(super) fn flare(
     let hard = exceeds(Missed, -deck.clearance_m, c.missed_m).or_else(|| {
         exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M).filter(|_| deck.clearance_m < c.commit_clearance_m)
     });
-    let hard = hard.or_else(|| attitude_lost(deck, s));
+    let slides = s.slides().filter(|_| deck.clearance_m < MAY_TOUCH_M);
+    let hard = hard.or(slides).or_else(|| attitude_lost(deck, s));
     let urgency = urgency(progress, s, c);
     if let Some(why) = hard.or_else(|| withdrawn(urgency, s).filter(|_| !committed)) {
         return PhaseTransition::BreakOff(why);
