@@ -405,6 +405,9 @@ reasons! {
     DuringTakeOff { "the drone takes off: abort the take-off, or order again once it is clear of the deck" }
     /// The drone follows set-points again near the deck: height of the feet above it, m.
     GivenBack { "follows set-points again, feet {v_two} m above the deck" }
+    /// A pilot or a ground station holds the drone low above the deck: height of the feet, m.
+    HeldLow { "{v_two} m above the deck in another mode: a wave can lift the deck into the drone; it climbs once its \
+        mode is selected again" }
     /// The autopilot reports no battery.
     BatteryUnknown { "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated \
         power module" }

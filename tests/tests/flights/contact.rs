@@ -1,5 +1,5 @@
-//! Faults at each tenth of the last second before and the first second after contact: no contact is hard, the
-//! motors stop soon, and the drone does not take off again.
+//! Link killed at each tenth of a second around the contact: no contact is hard, the motors stop soon after the link
+//! is back, and the drone does not take off again.
 
 use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
 use alight_sim::harness::rig::Rig;
@@ -7,21 +7,28 @@ use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::storm::FaultKind;
 use alight_uav::autopilot::message::MavCmd;
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use crate::{BOTH, at_sea};
 
 const LIMIT_S: f64 = 150.0;
 const STOPPED_S: f64 = 2.0;
-/// Time from the earliest fault to the first contact, s, and step between the faults, s.
-const BEFORE_S: f64 = 1.0;
 const STEP_S: f64 = 0.1;
-/// The motors stop before this step.
-const LAST_STEP: usize = 30;
+/// Times for which the link is away, s.
+const AWAY_S: [f64; 5] = [0.4, 0.7, 1.0, 1.5, 2.0];
 /// Maximum height of resting feet, m.
 const RESTS_M: f64 = 0.05;
 /// Climb after a rest on the deck that counts as a take-off, m, and minimum height above the deck for it, m.
 /// A deck that sinks away below a drone held by its autopilot does not count.
 const TAKES_OFF_M: f64 = 0.4;
+
+/// Outage of the link, s.
+#[derive(Clone, Copy, Debug)]
+struct Outage {
+    from_s: f64,
+    away_s: f64,
+}
 
 #[derive(Debug, Default)]
 struct Flown {
@@ -34,6 +41,11 @@ struct Flown {
     /// Final stop of the motors, s.
     stopped_s: Option<f64>,
     water: bool,
+    /// End of the outage, s.
+    back_s: f64,
+    /// Distance between the first contact and the end of the outage, and between that and the stop, along the deck, m.
+    slid_m: [f64; 2],
+    tilt_deg: f64,
 }
 
 impl Flown {
@@ -41,7 +53,7 @@ impl Flown {
         let soon = self
             .stopped_s
             .zip(self.rests_s)
-            .is_some_and(|(stopped, rests)| stopped - rests <= MAX_STOP_S);
+            .is_some_and(|(stopped, rests)| stopped - rests.max(self.back_s) <= MAX_STOP_S);
         self.hardest_mps <= MAX_CONTACT_MPS && self.rose_m <= TAKES_OFF_M && soon && !self.water
     }
 }
@@ -53,18 +65,30 @@ fn scenario(firmware: Firmware) -> Scenario {
     scenario
 }
 
-/// Flies one landing order; `fault` is called after every tick.
-fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> Flown {
+fn fly(firmware: Firmware, seed: u64, outage: Option<Outage>) -> Flown {
     let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
     let (mut flown, mut lowest) = (Flown::default(), None);
+    let (mut failed, mut over) = (false, outage.is_none());
+    let mut from = None;
     rig.each(LIMIT_S, |rig| {
         let (t, o) = (rig.t_s(), rig.world.observation());
         let height_m = o.feet_height_m();
+        let feet = o
+            .feet
+            .iter()
+            .map(|f| Vector2::new(f[0], f[1]))
+            .sum::<Vector2<f64>>()
+            / 4.0;
         if !o.contacts.is_empty() {
             flown.contact_s.get_or_insert(t);
         }
         for c in o.contacts {
             flown.hardest_mps = flown.hardest_mps.max(c.normal_mps);
+        }
+        if flown.contact_s.is_some() && o.motors_on {
+            let way = &mut flown.slid_m[usize::from(over)];
+            *way = way.max((feet - *from.get_or_insert(feet)).norm());
+            flown.tilt_deg = flown.tilt_deg.max(o.tilt_error.to_degrees());
         }
         let rests = height_m.abs() <= RESTS_M && flown.contact_s.is_some();
         flown.rests_s = rests.then(|| flown.rests_s.unwrap_or(t));
@@ -77,50 +101,56 @@ fn fly(firmware: Firmware, seed: u64, mut fault: impl FnMut(&mut Rig, f64)) -> F
         }
         flown.stopped_s = (!o.motors_on).then(|| flown.stopped_s.unwrap_or(t));
         flown.water |= o.in_water;
-        fault(rig, t);
-        flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
+        if let Some(outage) = outage {
+            if t >= outage.from_s && !failed {
+                failed = true;
+                rig.begin(FaultKind::LinkKilled, 0.0);
+            }
+            if t >= outage.from_s + outage.away_s && !over {
+                (over, flown.back_s, from) = (true, t, None);
+                rig.end(FaultKind::LinkKilled, 0.0);
+            }
+        }
+        over && flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
     });
     flown
 }
 
 #[test]
-#[ignore = "about 35 flights; CI runs them by name"]
+#[ignore = "110 flights; CI runs them by name"]
 fn link_killed_around_the_contact() {
-    let mut wrong = Vec::new();
-    for (odd, firmware) in BOTH.into_iter().enumerate() {
-        let undisturbed = [71, 72].map(|seed| (seed, fly(firmware, seed, |_, _| ())));
-        for (seed, flown) in &undisturbed {
-            assert!(flown.is_good(), "{firmware:?}, {seed}: {flown:?}");
-        }
-        // Two of every four steps, so that every autopilot flies both seas and both restarts.
-        for k in (0..LAST_STEP).filter(|k| k.div_ceil(2) % 2 == odd) {
-            let (seed, flown) = &undisturbed[k % 2];
-            let away_s = if k % 4 < 2 { 0.4 } else { 0.7 };
-            let contact_s = flown.contact_s.unwrap();
-            let fails_s = contact_s - BEFORE_S + STEP_S * k as f64;
-            if fails_s > flown.stopped_s.unwrap() + STEP_S {
-                break;
-            }
-            let (mut failed, mut over) = (false, false);
-            let flown = fly(firmware, *seed, |rig, t| {
-                if t >= fails_s && !failed {
-                    failed = true;
-                    rig.begin(FaultKind::LinkKilled, 0.0);
-                }
-                if t >= fails_s + away_s && !over {
-                    over = true;
-                    rig.end(FaultKind::LinkKilled, 0.0);
-                }
-            });
-            if !flown.is_good() {
-                let at_s = fails_s - contact_s;
-                wrong.push(format!(
-                    "{firmware:?}, {seed}, {at_s:.1} s, away {away_s} s: {flown:?}"
-                ));
+    let mut cells = Vec::new();
+    for firmware in BOTH {
+        for seed in [71, 72] {
+            let undisturbed = fly(firmware, seed, None);
+            assert!(undisturbed.is_good(), "{firmware:?}, {seed}: {undisturbed:?}");
+            let contact_s = undisturbed.contact_s.unwrap();
+            for k in (-5..=5).filter(|k| (k + seed as i32) % 2 == 0) {
+                let from_s = contact_s + STEP_S * f64::from(k);
+                cells.extend(AWAY_S.map(|away_s| (firmware, seed, k, Outage { from_s, away_s })));
             }
         }
     }
-    assert!(wrong.is_empty(), "{wrong:#?}");
+    assert_eq!(cells.len(), 110);
+    let flown: Vec<_> = cells
+        .par_iter()
+        .map(|&(firmware, seed, k, outage)| {
+            let flown = fly(firmware, seed, Some(outage));
+            let off_s = flown.stopped_s.unwrap_or(f64::INFINITY) - flown.back_s;
+            let at_s = STEP_S * f64::from(k);
+            let cell = format!("{firmware:?}, {seed}, {at_s:+.1} s, away {} s", outage.away_s);
+            let text = format!(
+                "{cell}: off after {off_s:.2} s, {:.2} m/s, rose {:.2} m, slid {:.2?} m, tilt {:.0} deg, water {}",
+                flown.hardest_mps, flown.rose_m, flown.slid_m, flown.tilt_deg, flown.water
+            );
+            (flown.is_good(), text)
+        })
+        .collect();
+    for (good, text) in &flown {
+        println!("{} {text}", if *good { "good" } else { "bad " });
+    }
+    let wrong: Vec<_> = flown.iter().filter(|(good, _)| !good).collect();
+    assert!(wrong.is_empty(), "{} of 110: {wrong:#?}", wrong.len());
 }
 
 /// The autopilot lands by itself on the published deck; only the disarm is commanded, if permitted. Returns

@@ -13,7 +13,6 @@
 use core::fmt;
 
 use alight_shared::msg::AutopilotMode;
-use alight_shared::time::Span;
 use serde::{Deserialize, Serialize};
 
 use super::DroneTime;
@@ -111,13 +110,6 @@ impl fmt::Display for ControlAuthority {
     }
 }
 
-fn flies_itself(mode: AutopilotMode) -> bool {
-    match mode {
-        AutopilotMode::Return | AutopilotMode::Land => true,
-        AutopilotMode::Other | AutopilotMode::Offboard | AutopilotMode::Hold => false,
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct AuthorityEvidence {
     pub(crate) found: bool,
@@ -169,9 +161,9 @@ impl AuthorityStateMachine {
         self.revoked = Some(to);
         self.enter(now, ControlAuthority::Diverted(to));
     }
-    /// Decides the authority. After a pilot's takeover no set-points are streamed for `quiet`. Return and
-    /// land modes are exempt because they ignore set-points, so a handover a second later is not denied.
-    pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence, quiet: Span) -> ControlAuthority {
+    /// Decides the authority. Set-points are streamed during a pilot's takeover as well, because every other mode ignores
+    /// them and PX4 needs a second of them before it can be handed back.
+    pub(crate) fn step(&mut self, now: DroneTime, f: &AuthorityEvidence) -> ControlAuthority {
         let ours = f.mode == AutopilotMode::Offboard;
         if f.heartbeat {
             self.confirmations = if ours && f.armed {
@@ -194,11 +186,6 @@ impl AuthorityStateMachine {
         } else if let (true, Some(to)) = (ours, self.revoked) {
             ControlAuthority::Diverted(to)
         } else if !ours && self.was_in_command() && !self.fell_back(f) {
-            ControlAuthority::TakenOver { mode: f.mode }
-        } else if let (false, ControlAuthority::TakenOver { .. }) = (
-            ours || now - self.since >= quiet || flies_itself(f.mode),
-            self.control_authority,
-        ) {
             ControlAuthority::TakenOver { mode: f.mode }
         } else if f.several && !self.flown {
             ControlAuthority::SeveralAutopilots
@@ -233,7 +220,7 @@ impl AuthorityStateMachine {
     /// only to the mode that the pilot chose, so it overrides no choice.
     fn fell_back(&self, f: &AuthorityEvidence) -> bool {
         let commanded = self.control_authority == ControlAuthority::Commanding;
-        commanded && f.set_points_lost && f.mode == AutopilotMode::Hold
+        commanded && f.set_points_lost
     }
     fn was_in_command(&self) -> bool {
         matches!(
@@ -279,7 +266,7 @@ mod tests {
             .enumerate()
             .map(|(k, f)| {
                 let now = Time::from_nanos((from_ms + 20 * k as i64) * 1_000_000);
-                a.step(now, f, Span::from_secs(0.1))
+                a.step(now, f)
             })
             .collect()
     }
@@ -359,9 +346,9 @@ mod tests {
         let s = run(&mut a, 60, &[person, READY, person, person]);
         assert_eq!(s[0], ControlAuthority::TakenOver { mode });
         assert!(s.iter().all(|s| !s.commands()), "{s:?}");
-        let s = run(&mut a, 140, &[person; 10]);
-        assert_eq!(s[9], ControlAuthority::Standby { mode });
-        assert_eq!(run(&mut a, 340, &[READY; 2])[1], ControlAuthority::Commanding);
+        assert_eq!(s[3], ControlAuthority::Standby { mode });
+        assert!(s[3].may_offer());
+        assert_eq!(run(&mut a, 140, &[READY; 2])[1], ControlAuthority::Commanding);
     }
 
     /// In return mode set-points are streamed at once, and the mode ends the command like any other mode.
@@ -391,8 +378,8 @@ mod tests {
                         ..by(mode)
                     }],
                 )[0];
-                // A hold after a set-point loss needs no new permission.
-                let expected = if set_points_lost && mode == AutopilotMode::Hold {
+                // A mode after a set-point loss needs no new permission.
+                let expected = if set_points_lost {
                     ControlAuthority::Standby { mode }
                 } else {
                     ControlAuthority::TakenOver { mode }

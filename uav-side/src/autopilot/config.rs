@@ -79,8 +79,6 @@ config! {
         /// Time without an inertial sample or odometry after which set-points stop, s.
         /// Source: `topics::DRONE_STATE`.
         pub odometry_loss_s: f64 = 0.2, in 0.05..=2.0;
-        /// Pause of the set-point stream after a pilot's takeover, s.
-        pub takeover_pause_s: f64 = 2.0, in 0.5..=60.0;
         /// Rate of TIMESYNC requests, Hz.
         pub timesync_hz: f64 = 5.0, in 0.5..=50.0;
         /// Maximum round trip of a TIMESYNC answer, s.
@@ -162,7 +160,8 @@ config! {
         pub own_landing: bool = false;
         /// Maximum height of the feet above the deck, by rangefinder or forecast, m.
         pub height_m: f64 = 0.35, in 0.02..=1.0;
-        /// Maximum speed relative to the deck (without a forecast: over ground), m/s.
+        /// Maximum speed relative to the deck, m/s. Without a forecast the drone must stand: gravity at little thrust,
+        /// no rotation.
         pub speed_mps: f64 = 1.5, in 0.1..=5.0;
         /// Minimum specific force as a fraction of gravity; a falling drone has less.
         pub min_load_factor: f64 = 0.75, in 0.5..=1.0;

@@ -19,6 +19,11 @@ use super::config::DisarmConfig;
 /// Duration of the evidence without the pilot's set-points, s: several time constants of the specific force.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
 
+/// Height of resting feet by the rangefinder, m, their speed along the deck's normal, m/s, and the duration of this
+/// evidence, s. A drone that hovers there falls onto the deck with 0.95 m/s at most.
+pub(crate) const RESTS_M: f64 = 0.04;
+pub(crate) const RESTS_NORMAL_MPS: f64 = 0.3;
+const RESTS_HOLD_S: f64 = 0.05;
 /// Time between commands after the quick series, s; the autopilot may accept one of these.
 const RARE_S: f64 = 2.0;
 
@@ -29,16 +34,25 @@ pub(crate) struct ContactEvidence {
     pub(crate) range_height: Option<f64>,
     pub(crate) range_doubted: bool,
     pub(crate) forecast_height: Option<f64>,
-    /// Speed relative to the deck, or over ground without a forecast, m/s.
+    /// Speed relative to the deck, m/s; None without a forecast.
     pub(crate) speed: Option<f64>,
     pub(crate) load_factor: Option<f64>,
     /// Reported thrust as a fraction of hover; None without a recent report.
     pub(crate) thrust: Option<f64>,
     /// Whether the commanded thrust has been that of a resting drone for long enough to take effect.
     pub(crate) commanded_low: bool,
+    /// Whether something other than the rotors carries a drone that does not rotate. It needs no forecast.
+    pub(crate) stands: bool,
+    /// Whether the mission has landed and two heights show the feet on the deck, with which they move. Then the drone may
+    /// be disarmed although its autopilot holds it with more thrust.
+    pub(crate) rests: bool,
     pub(crate) reports_on_ground: bool,
 }
 
+/// Maximum thrust, as a fraction of hover, and rotation rate, rad/s, of a drone that stands: below the load factor of
+/// [`DisarmConfig`] with an error of 10 %, and above those of a rocking deck.
+pub(crate) const STANDS_OF_HOVER: f64 = 0.6;
+pub(crate) const STANDS_RADPS: f64 = 0.7;
 /// Maximum speed relative to the deck of a drone at rest on it, when no thrust is reported, m/s.
 pub(crate) const RESTS_MPS: f64 = 0.5;
 /// Height from which a drone pressed down at half of hover thrust hits the deck at 1 m/s, the limit of a
@@ -86,6 +100,9 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if !e.landing {
         return Some(DisarmInhibit::NotLanding);
     }
+    if e.rests {
+        return None;
+    }
     // NaN counts as high, fast and unsupported.
     let high = |h: Option<f64>| h.is_some_and(|h| !(h <= c.height_m));
     if high(e.range_height) {
@@ -94,10 +111,10 @@ pub(crate) fn inhibit(e: &ContactEvidence, c: &DisarmConfig) -> Option<DisarmInh
     if high(e.forecast_height) {
         return Some(DisarmInhibit::ForecastHigh);
     }
-    if e.range_height.is_none() && e.forecast_height.is_none() {
+    if e.range_height.is_none() && e.forecast_height.is_none() && !e.stands {
         return Some(DisarmInhibit::HeightUnknown);
     }
-    if !e.speed.is_some_and(|v| v <= c.speed_mps) {
+    if !e.speed.map_or(e.stands, |v| v <= c.speed_mps) {
         return Some(DisarmInhibit::Fast);
     }
     let supported = e.load_factor.is_some_and(|f| f >= c.min_load_factor);
@@ -150,7 +167,9 @@ impl DisarmSequence {
         self.missing_since = None;
         let complete_since = *self.complete_since.get_or_insert(now);
         // When a source is missing, the evidence must last longer.
-        let hold_s = if e.thrust.is_none() || e.range_doubted {
+        let hold_s = if e.rests {
+            RESTS_HOLD_S
+        } else if e.thrust.is_none() || e.range_doubted || e.speed.is_none() {
             c.hold_s.max(HOLD_ALONE_S)
         } else {
             c.hold_s
@@ -245,6 +264,8 @@ mod tests {
         load_factor: Some(1.0),
         thrust: Some(0.3),
         commanded_low: true,
+        stands: false,
+        rests: false,
         reports_on_ground: false,
     };
 
@@ -328,6 +349,15 @@ mod tests {
             ..ON_DECK
         };
         assert_eq!(inhibit(&blind, &c), None);
+        // Without forecast and rangefinder, gravity at little thrust shows that the drone stands.
+        let unled = ContactEvidence {
+            range_height: None,
+            forecast_height: None,
+            speed: None,
+            stands: true,
+            ..ON_DECK
+        };
+        assert_eq!(inhibit(&unled, &c), None);
     }
 
     #[test]

@@ -97,6 +97,8 @@ const MAX_TEXTS: usize = 8;
 const HEARTBEAT: Span = Span::from_millis(1000);
 /// Period of the alarm that a landed drone is still armed.
 const STILL_ARMED: Span = Span::from_millis(10_000);
+/// Period of the alarm that another control holds the drone low above the deck.
+const HELD_LOW: Span = Span::from_millis(5000);
 const STATE: Span = Span::from_millis(100);
 /// Maximum time until our command counts as confirmed or rejected: several heartbeats and requests.
 const UNDECIDED: Span = Span::from_millis(5000);
@@ -201,6 +203,7 @@ struct Timers {
     heartbeat: Periodic<DroneClock>,
     state: Periodic<DroneClock>,
     deck: Periodic<DroneClock>,
+    low: Periodic<DroneClock>,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -440,8 +443,7 @@ impl Node for AutopilotLink {
         }
         self.watch_standing(now);
         let evidence = self.evidence(now, heartbeat);
-        self.authority
-            .step(now, &evidence, Span::from_secs(self.config.takeover_pause_s));
+        self.authority.step(now, &evidence);
         if evidence.mode != AutopilotMode::Offboard {
             self.commands.diversions = 0;
         }
@@ -460,6 +462,7 @@ impl Node for AutopilotLink {
             self.send_home(now, &mut out);
         }
         self.report_armed(now, &mut out);
+        self.report_low(now, &mut out);
         if self.peer.is_some() {
             let reports = &mut self.operators.reports;
             reports.publish(now, &self.inputs, &self.estimate, &self.clock, &mut out);

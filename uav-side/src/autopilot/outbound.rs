@@ -20,8 +20,9 @@ use super::set_point_loss::SetPointLossMonitor;
 use super::take_off::TakeOffSequence;
 use super::thrust::{self, SentThrust};
 use super::{
-    AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, STILL_ARMED, UNDECIDED,
+    AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, HELD_LOW, STILL_ARMED, UNDECIDED,
 };
+use crate::flatness::attitude_of_thrust;
 use crate::tracking::steer;
 
 /// Repetition period of a set-point, s: 50 Hz.
@@ -125,18 +126,32 @@ impl AutopilotLink {
         let state = self.estimate.fresh(now);
         let below = self.estimate.relative_to(now, self.inputs.deck(now));
         let (forecast_height, speed) = below.map(|(h, v, _)| (h, v)).unzip();
+        let moves_with_deck = below.is_some_and(|(h, v, away)| {
+            h.abs() <= disarm::PRESS_BELOW_BLIND_M
+                && v <= self.config.disarm.speed_mps
+                && away.abs() <= disarm::RESTS_NORMAL_MPS
+        });
         let range = self.estimate.range.fresh_m(now);
         let believed = |r: &f64| self.estimate.range.believes(*r, forecast_height);
+        let range_height = range.filter(believed).map(|r| r - self.estimate.range.feet_m);
+        let landed = self.inputs.fresh_state(now) == Some(State::Landed);
         let peer = self.peer.as_ref();
+        let load_factor = state.and(self.estimate.force).map(|f| f / GRAVITY);
+        let thrust = self.thrust_of_hover(now);
+        let carried = load_factor.is_some_and(|f| f >= self.config.disarm.min_load_factor)
+            && thrust.is_some_and(|t| t <= disarm::STANDS_OF_HOVER);
+        let turns = state.is_none_or(|s| Vector3::from(s.rates).norm() > disarm::STANDS_RADPS);
         ContactEvidence {
             // If the mission falls silent in the flare, the pilot node completes the landing.
             landing: self.inputs.last_state(now).is_some_and(State::meets_deck),
-            range_height: range.filter(believed).map(|r| r - self.estimate.range.feet_m),
+            range_height,
             range_doubted: range.is_some_and(|r| !believed(&r)),
             forecast_height,
-            speed: speed.or_else(|| state.map(|s| s.velocity().norm())),
-            load_factor: state.and(self.estimate.force).map(|f| f / GRAVITY),
-            thrust: self.thrust_of_hover(now),
+            speed,
+            load_factor,
+            thrust,
+            stands: carried && !turns,
+            rests: landed && moves_with_deck && range_height.is_some_and(|h| h <= disarm::RESTS_M),
             commanded_low: self.control_authority().commands() && self.stream.thrust.is_low(now),
             reports_on_ground: peer.is_some_and(|p| p.landed(now) == LandedState::OnGround),
         }
@@ -233,6 +248,16 @@ impl AutopilotLink {
         }
     }
 
+    /// Repeats the mission's alarm about a drone that another control holds low above the deck.
+    pub(super) fn report_low(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let why = self.inputs.fresh_mission(now).map(|m| m.waiting);
+        if let Some(why) = why.filter(|why| why.code == ReasonCode::HeldLow)
+            && self.timers.low.is_due_spaced(now, HELD_LOW)
+        {
+            out.alarm(severity::CRITICAL, why.to_string());
+        }
+    }
+
     /// Whether the drone has landed and its autopilot ignores set-points: either it holds by itself after a
     /// failure of set-points, pilot node or link, or a pilot chose Hold. The two look the same.
     fn follows_none_on_deck(&self, now: DroneTime, wanted: Option<&SetPoint>) -> bool {
@@ -240,9 +265,19 @@ impl AutopilotLink {
         let authority = self.control_authority();
         let holds = authority == ControlAuthority::TakenOver { mode }
             || authority == ControlAuthority::Standby { mode };
-        let lost = holds || authority.commands() && wanted.is_none();
+        (holds || authority.commands() && wanted.is_none()) && self.is_landed_armed(now)
+    }
+    fn is_landed_armed(&self, now: DroneTime) -> bool {
         let landed = self.inputs.fresh_state(now) == Some(State::Landed);
-        lost && landed && self.peer.as_ref().is_some_and(|p| p.armed)
+        landed && self.peer.as_ref().is_some_and(|p| p.armed)
+    }
+    /// Disarms a landed drone whose pilot node has not detected the touchdown, for example after a restart.
+    fn disarm_at_rest(&mut self, now: DroneTime, out: &mut AutopilotOut) {
+        let evidence = self.contact(now);
+        let decision = self.disarm.alone.step(now, &evidence, &self.lasting());
+        if evidence.rests && decision == DisarmDecision::Command {
+            self.command_disarm(self.disarm.alone.sent(), out);
+        }
     }
     /// Continues to disarm a drone in that hold, on lasting evidence. The set-point presses down or climbs
     /// above the deck, and returns PX4 from its failsafe to the mode chosen by the pilot.
@@ -278,7 +313,7 @@ impl AutopilotLink {
                     kind: SetPointKind::Attitude,
                     motors: Motors::Run,
                     thrust: PRESS_OF_HOVER * self.estimate.hover.value(),
-                    attitude,
+                    attitude: self.aligned(now).unwrap_or(attitude),
                     ..SetPoint::default()
                 })
             }
@@ -292,6 +327,13 @@ impl AutopilotLink {
                 | DisarmInhibit::NotSupported,
             ) => self.hold_above(now),
         }
+    }
+
+    /// Attitude of the forecast deck in the drone's heading. A drone that is pressed down in the tilt of a hold slides.
+    fn aligned(&self, now: DroneTime) -> Option<[f64; 4]> {
+        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
+        let q = attitude_of_thrust(&deck.normal(), state.euler().z);
+        Some([q.w, q.i, q.j, q.k])
     }
 
     /// Hold slightly above the position of the first call. While the forecast is fresh, it moves with the
@@ -363,7 +405,9 @@ impl AutopilotLink {
         if alone || wanted.is_none() {
             self.interrupted();
         }
-        if !alone {
+        let stops = wanted.is_some_and(|w| w.motors == Motors::Stop) && self.control_authority().commands();
+        let repeats = self.is_landed_armed(now) && !stops;
+        if !repeats {
             self.disarm.alone.clear();
         }
         if !due {
@@ -372,6 +416,9 @@ impl AutopilotLink {
         let outgoing = if alone {
             self.disarm_in_hold(now, out)
         } else {
+            if repeats {
+                self.disarm_at_rest(now, out);
+            }
             wanted.and_then(|wanted| self.follow(now, &wanted, out))
         };
         if let Some(outgoing) = outgoing

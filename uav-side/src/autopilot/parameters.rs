@@ -5,7 +5,7 @@ use alight_shared::autopilot_parameters::{
 };
 use alight_shared::mavlink::MessageData as _;
 use alight_shared::mavlink::dialect::{AUTOPILOT_VERSION_DATA, PARAM_REQUEST_READ_DATA};
-use alight_shared::msg::{Reason, ReasonCode};
+use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
 use alight_shared::time::Span;
 
 use super::DroneTime;
@@ -21,6 +21,8 @@ const REVIEW: Span = Span::from_millis(1000);
 const SILENT: Span = Span::from_millis(5000);
 /// PX4's parameter for the time without set-points until it leaves OFFBOARD.
 const LOSS_TIME: &str = "COM_OF_LOSS_T";
+/// PX4's parameter for the mode that it then enters.
+const LOSS_ACTION: &str = "COM_OBL_RC_ACT";
 /// Value assumed until it is reported, s: the maximum that permits a landing.
 const UNKNOWN_LOSS_S: f64 = 0.5;
 
@@ -227,10 +229,20 @@ impl Parameters {
             Some(false)
         }
     }
+    fn value(&self, name: &str) -> Option<f64> {
+        self.items.iter().find(|i| i.parameter.name == name)?.value
+    }
     /// COM_OF_LOSS_T, s.
     pub(super) fn loss_s(&self) -> f64 {
-        let item = self.items.iter().find(|i| i.parameter.name == LOSS_TIME);
-        item.and_then(|i| i.value).unwrap_or(UNKNOWN_LOSS_S)
+        self.value(LOSS_TIME).unwrap_or(UNKNOWN_LOSS_S)
+    }
+    /// Mode that PX4 enters without set-points.
+    pub(super) fn loss_mode(&self) -> AutopilotMode {
+        match self.value(LOSS_ACTION).map(|action| action as u32) {
+            Some(3) => AutopilotMode::Return,
+            Some(4) => AutopilotMode::Land,
+            Some(_) | None => AutopilotMode::Hold,
+        }
     }
     pub(super) fn news(&mut self) -> impl Iterator<Item = String> + '_ {
         let firmware = self.firmware.name();

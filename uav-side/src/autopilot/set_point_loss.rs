@@ -1,4 +1,5 @@
-//! Set-point loss: distinguishes PX4's own hold after a loss of set-points from a hold chosen by the pilot.
+//! Set-point loss: distinguishes PX4's own hold after a loss of set-points from a hold chosen by the pilot. The hold is
+//! the mode that COM_OBL_RC_ACT gives.
 //!
 //! Both holds look the same on the link. PX4's own hold begins COM_OF_LOSS_T after the last set-point received and ends
 //! with the next one; any other hold is a takeover by the pilot. Set-points stop when the pilot node or this link
@@ -30,6 +31,8 @@ struct Observed {
     sent_at: Option<DroneTime>,
     /// Time without a set-point after which PX4 leaves OFFBOARD, s; None for other firmware.
     loss_s: Option<f64>,
+    /// Mode that PX4 then enters.
+    loss_mode: AutopilotMode,
     /// Suspension of the computer together with its clock: time of detection, and duration in s.
     stood_still: Option<(DroneTime, f64)>,
 }
@@ -87,7 +90,7 @@ impl SetPointLossMonitor {
         }
         if self.mode != Some(o.mode) {
             let left = self.mode.is_none_or(|mode| mode == AutopilotMode::Offboard);
-            let holds = o.armed && o.mode == AutopilotMode::Hold;
+            let holds = o.armed && o.mode == o.loss_mode;
             let follows = |loss_s| {
                 let suspended = o.stood_still.is_some_and(|gap| explains(gap, now, loss_s));
                 suspended || self.follows_a_gap(now, before, o.sent_at, loss_s)
@@ -129,6 +132,7 @@ impl SetPointLossMonitor {
             received,
             sent_at,
             loss_s,
+            loss_mode: peer.parameters.loss_mode(),
             stood_still: clock.stood_still(now),
         };
         self.step(now, &observed);
@@ -152,6 +156,7 @@ mod tests {
             received: true,
             sent_at: Some(at(sent_s)),
             loss_s,
+            loss_mode: AutopilotMode::Hold,
             stood_still: None,
         }
     }

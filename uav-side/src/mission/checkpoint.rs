@@ -111,9 +111,9 @@ pub(super) fn interrupted(
 }
 
 /// Whether, according to the forecast, the feet are on the deck and stay there.
-fn rests(s: &Situation) -> bool {
-    let rests = s.fresh_deck().and_then(|d| d.ends).is_some_and(|e| e.rests);
-    rests && s.slides().is_none()
+pub(super) fn rests(s: &Situation) -> bool {
+    let rests = |d: &Deck| d.ends.is_some_and(|e| e.rests) && d.sinking_mps.abs() < RISES_MPS;
+    s.fresh_deck().is_some_and(rests) && s.slides().is_none()
 }
 /// Speed away from the deck of a drone that has left it, m/s: several times the estimate's error.
 const RISES_MPS: f64 = 0.5;
@@ -191,6 +191,7 @@ pub(super) fn progress(m: &MissionCheckpoint) -> MissionProgress {
         low_since: None,
         stopped: m.stopped,
         overruled: false,
+        flared: if m.committed { Some(m.header.at) } else { None },
         set_points_lost: false,
         station: None,
         sortie: m.sortie,
@@ -306,7 +307,7 @@ pub(super) fn safe_start(
         return Ok(None);
     }
     let why = Reason::new(code, deck.clearance_m, 0.0);
-    let phase = if rests(s) {
+    let phase = if rests(s) || landing && ends_softer(deck, s) {
         // The pilot's touchdown detector decides.
         MissionPhase::Flare {
             committed: true,

@@ -9,6 +9,7 @@
 //! | row | action | clears by | overruled by |
 //! |---|---|---|---|
 //! | touchdown | Landed | rotors that carry above the deck | a false touchdown |
+//! | contact | Landed, or the flare again | rotors that carry above the deck | - |
 //! | return | lands as if ordered | - | an operator's stop |
 //! | control | Idle | control given back | - |
 //! | report | Hold | the autopilot's next report | - |
@@ -21,7 +22,7 @@
 use alight_shared::msg::{BatteryPlace, OwnMission, Phase, Reason, ReasonCode};
 
 use super::charge::{charge, is_unordered};
-use super::checkpoint::ends_softer;
+use super::checkpoint::{ends_softer, rests};
 use super::limits::exceeds;
 use super::phase::{
     HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, hard_contact, holding, lasting,
@@ -44,7 +45,12 @@ pub(super) const BEFORE_ORDERS: [Concern; 1] = [Concern {
         s.motors_stopped.then(|| MissionPhase::LANDED.enter(touchdown))
     },
 }];
-pub(super) const AFTER_ORDERS: [Concern; 8] = [
+pub(super) const AFTER_ORDERS: [Concern; 9] = [
+    Concern {
+        // contact
+        in_phase: |_, progress, _, _| progress.landing,
+        act: |phase, progress, s, c| resume_landing(phase, progress, s, c),
+    },
     Concern {
         // return
         in_phase: |phase, progress, s, _| returns(phase, progress, s),
@@ -115,6 +121,47 @@ pub(super) fn interrupt(
 pub(super) fn is_under_way(phase: MissionPhase) -> bool {
     let ended = matches!(phase, MissionPhase::GaveUp { .. }) || phase.waits_for_operator();
     phase.flies() && !phase.takes_off() && phase.state().phase() != Phase::Landing && !ended
+}
+
+/// Time without data in a committed flare after which a contact may have been missed, and time after the flare for
+/// which resting feet are those of this landing, s.
+const UNOBSERVED_S: f64 = 0.2;
+const FLARED_S: f64 = 5.0;
+
+/// Speed away from the deck of a drone that already climbs, m/s.
+const CLIMBS_MPS: f64 = 1.0;
+
+/// Continues a flare whose end was not observed, or whose set-points were lost: Landed if the feet rest on the deck, the
+/// flare if the drone is still low above it.
+pub(super) fn resume_landing(
+    phase: MissionPhase,
+    progress: &MissionProgress,
+    s: &Situation,
+    c: &MissionConfig,
+) -> Option<PhaseTransition> {
+    let since_s = (s.now - progress.flared?).secs();
+    let from_s = match s.flight {
+        ControlState::SetPointsLost => 0.0,
+        ControlState::OnGround | ControlState::Ours => UNOBSERVED_S,
+        ControlState::Unknown | ControlState::Disarmed | ControlState::OtherControl(_) => return None,
+    };
+    if !(from_s..=FLARED_S).contains(&since_s) {
+        return None;
+    }
+    if rests(s) {
+        return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
+    }
+    let deck = s.fresh_deck()?;
+    let low = deck.clearance_m < c.commit_clearance_m && deck.sinking_mps > -CLIMBS_MPS;
+    let waits = phase.waits_for_data() && s.flight != ControlState::SetPointsLost;
+    if !(low && waits) || s.slides().is_some() {
+        return None;
+    }
+    let flare = MissionPhase::Flare {
+        committed: true,
+        violated: None,
+    };
+    Some(flare.enter(Reason::new(ReasonCode::GivenBack, deck.clearance_m, 0.0)))
 }
 
 /// Whether the drone returns without an order: on a sortie, or in our mode after radio silence.

@@ -236,7 +236,7 @@ fn abort_after_a_touchdown() {
     }
     goes(
         &run(MissionPhase::LANDED, &silent(in_air(true)), 1.5),
-        State::GaveUp,
+        State::Tracking,
         FalseTouchdown,
     );
     for stays in [undetected, silent(with_deck(|d| d.clearance_m = 0.1))] {

@@ -401,7 +401,7 @@ fn standstill_in_the_flare() {
     for (height, still_s, wanted) in [
         (0.5, 0.3, State::Flare),
         (0.5, 0.8, State::Tracking),
-        (0.05, 0.8, State::Flare),
+        (0.05, 0.8, State::Landed),
     ] {
         let z = -1.3 - DroneGeometry::default().feet_below_m - height;
         let mut m = node();
@@ -439,10 +439,10 @@ fn drone_without_an_order_where_the_vessel_comes() {
 
 #[test]
 fn set_point_loss_low_above_the_deck() {
-    for (height, unfit, wanted) in [
-        (0.5, false, State::GetAltitude),
-        (0.5, true, State::GetAltitude),
-        (0.05, false, State::Flare),
+    for (height, unfit, held, wanted) in [
+        (0.5, false, State::Idle, State::GetAltitude),
+        (0.5, true, State::Idle, State::GetAltitude),
+        (0.05, false, State::Landed, State::Landed),
     ] {
         let z = -1.3 - DroneGeometry::default().feet_below_m - height;
         let mut m = node();
@@ -461,7 +461,7 @@ fn set_point_loss_low_above_the_deck() {
         };
         let ours = AutopilotMode::Offboard;
         assert_eq!(step(1, ours).phase(), Phase::Landing);
-        assert_eq!(step(2, AutopilotMode::Hold), State::Idle);
+        assert_eq!(step(2, AutopilotMode::Hold), held);
         assert_eq!(step(3, ours), wanted, "{height} m, {unfit}");
     }
 }

@@ -171,6 +171,16 @@ impl MissionPhase {
     pub(super) const fn rests(&self) -> bool {
         matches!(self, MissionPhase::Hold { .. } | MissionPhase::GaveUp { .. })
     }
+    pub(super) const fn waits_for_data(&self) -> bool {
+        matches!(
+            self,
+            MissionPhase::Idle
+                | MissionPhase::Hold {
+                    cause: HoldCause::Data,
+                    ..
+                }
+        )
+    }
     pub(super) const fn waits_for_operator(&self) -> bool {
         matches!(
             self,
@@ -239,6 +249,8 @@ pub struct MissionProgress {
     pub stopped: bool,
     /// Whether the pilot node's touchdown was false and is ignored until withdrawn.
     pub overruled: bool,
+    /// Last step of a committed flare with fresh data. Since then the drone may have touched the deck unobserved.
+    pub flared: Option<DroneTime>,
     /// Whether set-points were lost and the autopilot holds; the landing resumes once they are followed again.
     pub set_points_lost: bool,
     /// Station before the computer restarted; the drone returns to it once it is under our control.

@@ -13,8 +13,8 @@ use nalgebra::Vector3;
 
 use super::charge::{self, urgency};
 use super::limits::{
-    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEIGHT_TOLERANCE_M, HYSTERESIS, ORDER_WAITS_S,
-    RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEAVE_M, HEIGHT_TOLERANCE_M, HYSTERESIS,
+    ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
 };
 use super::phase::{
     DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, held_place, holding,
@@ -108,6 +108,18 @@ fn stopped_low(progress: &MissionProgress, s: &Situation) -> Option<Reason> {
     Some(Reason::new(ReasonCode::BatteryStopped, b, limit)).filter(|_| b >= limit)
 }
 
+/// Reason if another control holds the drone where a wave can lift the deck into it.
+fn held_low(s: &Situation) -> Option<Reason> {
+    let deck = s.fresh_deck()?;
+    let held = matches!(s.flight, ControlState::OtherControl(_)) && s.rotors_carry == Some(true);
+    let low = deck.clearance_m < HEAVE_M && deck.distance_m < RESUME_DISTANCE_M;
+    if held && low {
+        Some(Reason::new(ReasonCode::HeldLow, deck.clearance_m, HEAVE_M))
+    } else {
+        None
+    }
+}
+
 fn goes_on(s: &Situation) -> bool {
     s.flight == ControlState::Ours && old_data(s).is_none()
 }
@@ -126,6 +138,9 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
         return holding(HoldCause::Station(kept), s, c).enter(ReasonCode::Restarted);
     }
     if !progress.landing {
+        if let Some(why) = held_low(s) {
+            return idle.stay(why);
+        }
         let waits = if progress.stopped { Operator } else { NotCommanded };
         return idle.stay(stopped_low(progress, s).unwrap_or(waits.into()));
     }
@@ -433,18 +448,20 @@ fn landed(
     s: &Situation,
     c: &MissionConfig,
 ) -> PhaseTransition {
-    progress.landing = false;
-    if let Some(why) = s
-        .slides()
-        .filter(|_| !disarmed && !s.motors_stopped && s.flight != ControlState::Disarmed)
-    {
-        return gave_up(s, c).enter(why);
-    }
     let risen = s.false_touchdown().filter(|_| !disarmed);
     let (airborne, lasted) = lasting(risen.is_some(), airborne, s.now);
-    if let Some(why) = risen.filter(|_| lasted >= AIRBORNE_S) {
+    let leaves = s.slides().or(risen.filter(|_| lasted >= AIRBORNE_S));
+    if let Some(why) = leaves
+        && !disarmed
+        && s.flight != ControlState::Disarmed
+    {
+        // The order lasts until the rotors are off.
         progress.overruled = s.motors_stopped;
-        return gave_up(s, c).enter(why);
+        return if progress.landing {
+            PhaseTransition::BreakOff(why)
+        } else {
+            gave_up(s, c).enter(why)
+        };
     }
     let armed = matches!(
         s.flight,
@@ -457,6 +474,8 @@ fn landed(
         return MissionPhase::Idle.enter(ArmedAgain);
     }
     let disarmed = disarmed || s.flight == ControlState::Disarmed;
+    progress.landing &= !disarmed;
+    progress.deck_first &= !disarmed;
     let landed = MissionPhase::Landed { disarmed, airborne };
     if disarmed && progress.cycles.on {
         return turnaround::stands(landed, progress, s, c);

@@ -7,6 +7,7 @@ use alight_shared::msg::{CommandKind, MissionCheckpoint, MissionState, Reason, R
 use alight_shared::time::{DroneClock, Time};
 
 use super::checkpoint::{self, Begun, MissionStartUp};
+use super::concerns::resume_landing;
 use super::phase::{Decision, MissionPhase};
 use super::situation::{ControlState, Situation};
 use super::{MissionIn, MissionNode};
@@ -105,6 +106,10 @@ impl MissionNode {
         self.succession.was_away &= waits && s.flight == ControlState::Ours;
         if !waits {
             self.succession.needs_safe_start = None;
+            return None;
+        }
+        let landing = self.progress.landing;
+        if landing && resume_landing(self.phase, &self.progress, s, &self.config).is_some() {
             return None;
         }
         let (phase, why) = if let Some(code) = self.succession.needs_safe_start {

@@ -3,14 +3,14 @@
 //!
 //! Concerns and orders come first (`concerns`), then the state's own transitions (`states`).
 
-use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode};
+use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode, State};
 
 use super::answers::not_done;
 use super::charge::is_open;
 use super::concerns::{AFTER_ORDERS, BEFORE_ORDERS, interrupt, is_elsewhere};
 use super::limits::LOST_OUTSIDE_M;
 use super::phase::{
-    Decision, HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, gave_up,
+    Decision, DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, gave_up,
     hard_contact, holding, lasting,
 };
 use super::situation::{ControlState, Situation};
@@ -47,10 +47,11 @@ pub fn decide(
         }
         PhaseTransition::BreakOff(why) => (MissionPhase::TRACKING, Some(why), why),
     };
-    if matches!(phase, MissionPhase::GaveUp { .. } | MissionPhase::Landed { .. }) {
+    if matches!(phase, MissionPhase::GaveUp { .. }) {
         progress.landing &= is_elsewhere(&progress);
         progress.deck_first = false;
     }
+    progress.flared = flared(phase, &progress, s);
     if !phase.flies() {
         progress.low_battery = None;
     }
@@ -80,6 +81,18 @@ pub fn decide(
         decision.progress.rejected = Some(RejectedOrder { at: s.now, why });
     }
     decision
+}
+
+/// [`MissionProgress::flared`] after a step in `phase`: kept while the end of a landing may not have been observed.
+fn flared(phase: MissionPhase, progress: &MissionProgress, s: &Situation) -> Option<DroneTime> {
+    if matches!(phase, MissionPhase::Flare { committed: true, .. }) && s.fresh_deck().is_some() {
+        return Some(s.now);
+    }
+    if phase.waits_for_data() || phase.state() == State::Flare {
+        progress.flared
+    } else {
+        None
+    }
 }
 
 /// Whether the drone is in the air under our control.

@@ -26,7 +26,6 @@ const METHOD: &[&str] = &[
     "autopilot.odometry_hz",
     "autopilot.odometry_loss_s",
     "autopilot.set_point_hz",
-    "autopilot.takeover_pause_s",
     "autopilot.timesync_hz",
     "autopilot.timesync_limit_s",
     "bridge.clock",
