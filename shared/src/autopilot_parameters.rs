@@ -137,8 +137,8 @@ const REMOTE_NEAR: &str = "when the remote control is lost near the deck it hold
                            otherwise the landing continues, and only an abort by radio stops it";
 const STATION: &str = "when the ground station is lost it leaves the landing: it holds while the deck rises, or flies \
                        to where the boat was";
-const RESCUE: &str =
-    "on a critical battery, if Alight has failed, it hovers until it falls or flies to where the boat was";
+const RESCUE: &str = "Alight lands by the charge. 0 leaves its last descent alone; the others end it, but land a drone whose computer has \
+     failed, over water too";
 const FENCE: &str = "the boat may leave a fence; beyond it the drone leaves the landing: it holds while the deck rises, \
                      or flies to where the boat was";
 const HOME: &str = "a return must end in a hover until the pilot or Alight takes over: home may be water";
@@ -186,12 +186,10 @@ pub const PARAMETERS: &[Parameter] = rows! {
     ArduPilot, ALL, "FS_EKF_ACTION", "", Any, Warn,
         "no value is good: Land (1) ends in the water, AltHold (2) drifts until the pilot steers, 0 (from 4.7 on) flies on \
          by a wrong estimate";
-    Px4, ALL, "COM_LOW_BAT_ACT", "", OneOf(&[(3.0, "Return, then Land"), (2.0, "Land")]), Warn, RESCUE;
-    ArduPilot, ALL, "BATT_FS_CRT_ACT", "", Is(1.0, "Land"), Warn, RESCUE;
-    Px4, ALL, "BAT_CRIT_THR", "", Within(0.03, 0.08, 0.07), Warn,
+    Px4, ALL, "COM_LOW_BAT_ACT", "", OneOf(&[(0.0, "a warning"), (3.0, "Return, then Land"), (2.0, "Land")]), Warn, RESCUE;
+    ArduPilot, ALL, "BATT_FS_CRT_ACT", "", OneOf(&[(0.0, "nothing"), (1.0, "Land")]), Warn, RESCUE;
+    Px4, ALL, "BAT_CRIT_THR", "", Within(0.03, 0.08, 0.05), Warn,
         "COM_LOW_BAT_ACT acts below this charge, and must do so after Alight has chosen a landing place";
-    ArduPilot, ALL, "BATT_CRT_VOLT", " V", Within(3.0, INFINITY, 14.1), Warn,
-        "without a critical voltage BATT_FS_CRT_ACT never acts (14.1 V for four cells)";
     ArduPilot, ALL, "BATT_FS_LOW_ACT", "", Is(0.0, "nothing"), Warn,
         "on a low battery it flies to where the boat was, or lands on the water, before Alight has chosen a place";
     ArduPilot, ALL, "BATT_MONITOR", "", Within(3.0, INFINITY, 4.0), Warn,
@@ -338,11 +336,10 @@ mod tests {
             ("GF_ACTION", &[0.0, 1.0], &[2.0, 3.0, 4.0, 5.0]),
             ("FENCE_ACTION", &[0.0], &[1.0, 2.0, 3.0, 4.0]),
             // A drone whose companion has failed for good must not hover until it falls.
-            ("COM_LOW_BAT_ACT", &[2.0, 3.0], &[0.0, 1.0]),
+            ("COM_LOW_BAT_ACT", &[0.0, 2.0, 3.0], &[1.0]),
             ("BAT_CRIT_THR", &[0.05, 0.07], &[0.0, 0.1, 0.15]),
             ("BATT_MONITOR", &[3.0, 4.0, 8.0], &[0.0]),
-            ("BATT_FS_CRT_ACT", &[1.0], &[0.0, 2.0, 3.0, 5.0]),
-            ("BATT_CRT_VOLT", &[13.2, 20.0], &[0.0]),
+            ("BATT_FS_CRT_ACT", &[0.0, 1.0], &[2.0, 3.0, 5.0]),
             ("RTL_LAND_DELAY", &[-1.0], &[0.0, 30.0]),
             ("RTL_ALT_FINAL", &[300.0, 1000.0], &[0.0, 50.0]),
             ("RTL_ALT_FINAL_M", &[3.0, 10.0], &[0.0, 0.5]),

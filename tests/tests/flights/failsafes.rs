@@ -31,10 +31,10 @@ const MOMENTS: [(Moment, FlightKind); 8] = [
 /// Storm with this fault alone, 0.2 s after the moment for 10 s, in a sea of three waves of 0.2 m.
 fn cell(firmware: Firmware, kind: FaultKind, moment: Moment, flight: FlightKind, stock: bool) -> Storm {
     let fault = Fault {
-        size: if kind == FaultKind::BatteryReadsLow {
-            0.03
-        } else {
-            0.2
+        size: match kind {
+            FaultKind::BatteryReadsLow => 0.03,
+            FaultKind::EstimatorFailed | FaultKind::DeadReckoning => 0.2,
+            _ => 0.0,
         },
         ..Fault::new(kind, moment, 0.2, 10.0)
     };

@@ -2,7 +2,6 @@
 //! drawn storms are the same in each run and reveal changes that often break a rule (`alight study storm`
 //! flies thousands).
 
-use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::State;
 use alight_sim::harness::storm::watch::{StormEnding, StormRule};
 use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_mutant};
@@ -177,7 +176,7 @@ fn computer_killed_in_the_flare() {
 
 /// Shortest known flight in which the mutant breaks a rule; without the mutant it breaks none.
 fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
-    use State::{ClimbOut, Descent, Flare, GaveUp, GetAltitude, Tracking, TrackingStable};
+    use State::{ClimbOut, Descent, GaveUp, GetAltitude, Tracking, TrackingStable};
     let fault = |kind, state, after_s, size, lasts_s| Fault {
         kind,
         moment: Moment::In(state),
@@ -215,22 +214,6 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             let blind = killed(FaultKind::PredictorKilled, TrackingStable, 0.2, 10.0);
             (landing(vec![blind]), StormRule::HardContact)
         }
-        Mutant::ThrustMissing => {
-            let thrust = f64::from(m::ATTITUDE_TARGET_DATA::ID);
-            let faults = vec![
-                fault(FaultKind::StreamStops, Descent, 0.1, thrust, 60.0),
-                killed(FaultKind::LinkKilled, Flare, 1.1, 4.0),
-            ];
-            let under_way = Storm {
-                seed: 5,
-                autopilot: Firmware::ArduCopter,
-                course: VesselCourse::Straight,
-                speed_mps: 3.0,
-                wind_mps: 3.0,
-                ..landing(faults)
-            };
-            (under_way, StormRule::CarriesLanded)
-        }
         Mutant::ReserveWaived => {
             // The drone hovers until its battery is empty, then falls; the slow planner prolongs the flight.
             let faults = vec![
@@ -242,7 +225,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
                 faults,
                 ..faultless(FlightKind::TakeOff, Firmware::Px4)
             };
-            (held, StormRule::Water)
+            (held, StormRule::BatterySpent)
         }
         Mutant::TwoOwners => (two(Vec::new()), StormRule::TwoAtDeck),
         Mutant::DeckReleased => {
@@ -253,9 +236,11 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             let killed = killed(FaultKind::MissionKilled, GaveUp, 2.0, 0.5);
             (landing(vec![abort(Tracking), killed]), StormRule::AbortIgnored)
         }
-        Mutant::StopsByRange | Mutant::StaleMission | Mutant::FramesIgnored | Mutant::ClockKept => {
-            return None;
-        }
+        Mutant::StopsByRange
+        | Mutant::StaleMission
+        | Mutant::FramesIgnored
+        | Mutant::ClockKept
+        | Mutant::ThrustMissing => return None,
     })
 }
 

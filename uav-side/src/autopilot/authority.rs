@@ -7,8 +7,8 @@
 //!   autopilot's own mission when a sortie returns, once per flight for each reason.
 //! - One heartbeat in another mode ends our set-points. Two heartbeats in our mode are needed to start them,
 //!   because one may be delayed.
-//! - After another authority (pilot, failsafe, geofence) has taken command, only a change back to our mode
-//!   gives permission again. After a diversion the pilot must leave the mode first.
+//! - After another authority (pilot, ground station, geofence) has taken command, only a change back to our mode
+//!   gives permission again; after a failsafe's hold (`failsafe`) the link asks for this change. After a diversion the pilot must leave the mode first.
 
 use core::fmt;
 

@@ -58,6 +58,7 @@ impl AutopilotLink {
             }
             MavlinkMessage::Text { severity: of, text } => {
                 if *of <= severity::WARNING {
+                    self.failsafe.on_text(now, text);
                     self.commands.departure.explained(now, text);
                     out.texts.push(format!("{}: {text}", peer.firmware.name()));
                 }
@@ -368,6 +369,7 @@ impl AutopilotLink {
         if let Some(p) = &mut self.peer {
             p.streams.received(m::HEARTBEAT_DATA::ID);
             p.heartbeat(now, h.base_mode, h.custom_mode);
+            p.is_critical = h.system_status == m::MavState::MAV_STATE_CRITICAL;
         }
         true
     }

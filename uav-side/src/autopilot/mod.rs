@@ -3,7 +3,7 @@
 //! autopilot`.
 //!
 //! Read in this order:
-//! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`];
+//! - [`message`] (messages of the link), [`authority`] (control authority and its reason), [`set_point_loss`], `failsafe`;
 //! - `rotors` (spin-up), `heading` (alignment), [`disarm`] and `take_off` (stopping and starting the motors);
 //! - this file (one step), [`inbound`] and [`outbound`] (its two halves), [`inputs`] (messages of the other nodes,
 //!   shadow mode);
@@ -28,6 +28,7 @@ pub mod config;
 mod deck;
 mod disarm;
 mod drone_state;
+mod failsafe;
 pub mod ground_station;
 mod guidance;
 mod heading;
@@ -63,8 +64,8 @@ use alight_shared::bus::wiring;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LinkCheckpoint, MissionState, OwnMission, RangeSample, Reason, ReasonCode, RelativePlace, RtcmFrames,
-    SetPoint, SettingsOrder,
+    LinkCheckpoint, MissionState, OwnMission, Phase, RangeSample, Reason, ReasonCode, RelativePlace,
+    RtcmFrames, SetPoint, SettingsOrder, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, Span, Time};
@@ -77,6 +78,7 @@ use checkpoint::LinkSuccession;
 use clock::RemoteClock;
 use disarm::ForcedDisarm;
 use drone_state::DroneEstimate;
+use failsafe::FailsafeMonitor;
 use ground_station::Operators;
 use inputs::LinkInputs;
 use message::{
@@ -221,6 +223,7 @@ pub struct AutopilotLink {
     inputs: LinkInputs,
     authority: AuthorityStateMachine,
     disarm: ForcedDisarm,
+    failsafe: FailsafeMonitor,
     stream: SetPointStream,
     operators: Operators,
     commands: LinkCommands,
@@ -306,8 +309,12 @@ impl AutopilotLink {
             heartbeat,
             mode: p.map_or(AutopilotMode::Other, |p| p.mode),
             armed: p.is_some_and(|p| p.armed),
-            set_points_lost: self.stream.loss.is_lost(),
+            set_points_lost: self.falls_back(),
         }
+    }
+    /// Whether the autopilot itself, and nobody else, has left the mode of our set-points.
+    fn falls_back(&self) -> bool {
+        self.stream.loss.is_lost() || self.failsafe.holds()
     }
 
     /// Sends messages that are due under any authority: heartbeat, clock, streams, parameters.
@@ -351,7 +358,7 @@ impl AutopilotLink {
                 AutopilotMode::Offboard if !ours => AutopilotMode::Other,
                 mode => mode,
             },
-            set_points_lost: self.stream.loss.is_lost(),
+            set_points_lost: self.falls_back(),
             landed: p.landed(now),
             origin_sea_m: (origin.datum.zip(origin.geoid_m)).map(|(d, geoid_m)| d.height_m - geoid_m),
             battery: p.charge(now),
@@ -433,12 +440,17 @@ impl Node for AutopilotLink {
         let received = input.received.iter().any(|f| Some(f.from) == peer);
         let [aborted, new] = self.inputs.take(now, input);
         if aborted {
+            self.failsafe.withdraw();
             self.operators.station.stopped(now);
         }
 
         if let Some(peer) = &self.peer {
             let s = &mut self.stream;
             s.loss.watch(now, received, s.sent_at, peer, &self.clock);
+            let remote_lost = self.operators.switch.is_remote_lost();
+            let phase = self.inputs.fresh_state(now).map(State::phase);
+            let lands = matches!(phase, Some(Phase::Follow | Phase::Landing));
+            self.failsafe.step(now, peer, lands, remote_lost);
             (self.own_mission.monitor).step(peer.armed, peer.flies_mission, peer.mode);
         }
         self.watch_standing(now);
@@ -455,6 +467,7 @@ impl Node for AutopilotLink {
             self.take_off(now, &mut out);
             let own = self.flies_alone();
             if let Some(peer) = &self.peer {
+                self.failsafe.ask(now, peer, &mut out);
                 let peer = (peer, self.authority.control_authority());
                 let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.commands.pause);
                 self.own_mission.command(now, peer, own, mission, pause, &mut out);

@@ -232,6 +232,16 @@ impl Parameters {
     fn value(&self, name: &str) -> Option<f64> {
         self.items.iter().find(|i| i.parameter.name == name)?.value
     }
+    /// Whether the loss of the remote control makes the autopilot hold while it follows our set-points.
+    pub(super) fn remote_loss_holds(&self) -> bool {
+        let bits = |name: &str| self.value(name).map_or(0, |bits| bits as u32);
+        let exempt = bits("COM_RCL_EXCEPT") & 4 != 0 || bits("FS_OPTIONS") & 4 != 0;
+        let holds = match self.firmware {
+            Firmware::Px4 => self.value("NAV_RCL_ACT") == Some(1.0),
+            Firmware::ArduCopter => self.value("FS_THR_ENABLE") == Some(7.0),
+        };
+        holds && !exempt
+    }
     /// COM_OF_LOSS_T, s.
     pub(super) fn loss_s(&self) -> f64 {
         self.value(LOSS_TIME).unwrap_or(UNKNOWN_LOSS_S)
@@ -384,9 +394,9 @@ mod tests {
         let names = asked(&mut p, 0.0, 4.9);
         assert_eq!(names.len(), REQUESTS as usize);
         assert!(p.complete());
-        assert!(asked(&mut p, 4.9, 60.0).len() <= 12);
         let why = p.rejection().to_string();
         assert_eq!(why, "the autopilot has not reported MPC_ACC_UP_MAX (10 requests)");
+        assert!(asked(&mut p, 4.9, 60.0).len() <= 12);
         assert!(p.news().next().is_some_and(|t| t.contains("MPC_ACC_UP_MAX")));
     }
 

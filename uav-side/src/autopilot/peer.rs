@@ -44,6 +44,8 @@ pub(crate) struct MavlinkPeer {
     pub(crate) mode: AutopilotMode,
     pub(crate) flies_mission: bool,
     pub(crate) armed: bool,
+    /// Whether a failsafe acts, by HEARTBEAT.system_status.
+    pub(crate) is_critical: bool,
     pub(crate) heartbeat_at: DroneTime,
     arming_accepted: Option<DroneTime>,
     landed: Option<(DroneTime, LandedState)>,
@@ -71,6 +73,7 @@ impl MavlinkPeer {
             mode: AutopilotMode::Other,
             flies_mission: false,
             armed: false,
+            is_critical: false,
             heartbeat_at: now,
             arming_accepted: None,
             landed: None,

@@ -127,6 +127,9 @@ impl RcSwitch {
             Position::High => Some(CommandKind::Land),
         }
     }
+    pub(super) fn is_remote_lost(&self) -> bool {
+        self.lost
+    }
     fn forget(&mut self) {
         (self.position, self.candidate, self.received_at) = (None, None, None);
     }

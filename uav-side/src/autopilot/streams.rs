@@ -69,14 +69,13 @@ impl MessageStreams {
             (m::ATTITUDE_TARGET_DATA::ID, 50.0),
             (m::DISTANCE_SENSOR_DATA::ID, c.range_hz),
             (m::BATTERY_STATUS_DATA::ID, 1.0),
+            // State of the remote control's receiver.
+            (m::SYS_STATUS_DATA::ID, STATUS_HZ),
         ];
         let switch: &[(u32, f64)] = if c.rc_switch == 0 {
             &[]
         } else {
-            &[
-                (m::RC_CHANNELS_DATA::ID, CHANNELS_HZ),
-                (m::SYS_STATUS_DATA::ID, STATUS_HZ),
-            ]
+            &[(m::RC_CHANNELS_DATA::ID, CHANNELS_HZ)]
         };
         MessageStreams {
             list: both

@@ -42,7 +42,7 @@ const KEEPS_CLEAR_M: f64 = 1.0;
 /// Distance of the feet's centre outside the area where all feet stand, m, beyond which a drone does not stay on the
 /// deck.
 /// Source: half of the feet's span, with half of the feet off the deck.
-pub(crate) const LOST_OUTSIDE_M: f64 = 0.2;
+pub(crate) const LOST_OUTSIDE_M: f64 = 0.0;
 /// Time from a contact to the stop of the motors, s, and friction on a wet deck that tilts.
 const STOPS_S: f64 = 0.3;
 const WET_FRICTION: f64 = 0.5 * FRICTION;

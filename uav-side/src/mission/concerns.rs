@@ -131,8 +131,12 @@ const FLARED_S: f64 = 5.0;
 /// Speed away from the deck of a drone that already climbs, m/s.
 const CLIMBS_MPS: f64 = 1.0;
 
+/// Maximum speed along the deck of feet that rest on it, m/s.
+const RESTS_MPS: f64 = 0.5;
+
 /// Continues a flare whose end was not observed, or whose set-points were lost: Landed if the feet rest on the deck, the
-/// flare if the drone is still low above it.
+/// flare if the drone is still low above it. A drone that has drifted to
+/// where some feet may not stand climbs.
 pub(super) fn resume_landing(
     phase: MissionPhase,
     progress: &MissionProgress,
@@ -148,13 +152,18 @@ pub(super) fn resume_landing(
     if !(from_s..=FLARED_S).contains(&since_s) {
         return None;
     }
-    if rests(s) {
+    let deck = s.fresh_deck()?;
+    let outside_m = s.outside_m.max(s.rests_outside_m);
+    let carried = s.rotors_carry == Some(true);
+    if outside_m < 0.0 && rests(s) && !carried && deck.relative_speed_mps < RESTS_MPS {
         return Some(MissionPhase::LANDED.enter(ReasonCode::Touchdown));
     }
-    let deck = s.fresh_deck()?;
+    if outside_m > 0.0 {
+        return None;
+    }
     let low = deck.clearance_m < c.commit_clearance_m && deck.sinking_mps > -CLIMBS_MPS;
     let waits = phase.waits_for_data() && s.flight != ControlState::SetPointsLost;
-    if !(low && waits) || s.slides().is_some() {
+    if !(low && waits) {
         return None;
     }
     let flare = MissionPhase::Flare {

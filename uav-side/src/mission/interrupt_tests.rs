@@ -245,11 +245,20 @@ fn abort_after_a_touchdown() {
             State::Landed
         );
     }
-    // If no landing is ordered, the rotors must carry the drone for a second.
+    // Without an abort, the landing is resumed once the rotors have carried the drone for a second.
     let d = run(MissionPhase::LANDED, &in_air(true), 0.9);
     assert_eq!(d.phase.state(), State::Landed);
     let d = run(MissionPhase::LANDED, &in_air(true), 1.5);
+    goes(&d, State::Tracking, FalseTouchdown);
+    // An abort on the deck is final.
+    let rests = with_deck(|d| d.clearance_m = 0.1);
+    let d = run(
+        &commanded(MissionPhase::LANDED, CommandKind::Abort, &rests),
+        &in_air(true),
+        1.5,
+    );
     goes(&d, State::GaveUp, FalseTouchdown);
+    assert!(!d.progress.landing);
 }
 
 #[test]

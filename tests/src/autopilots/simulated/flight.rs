@@ -29,6 +29,8 @@ const OFFBOARD_STREAM: Span = Span::from_millis(800);
 
 /// Validity of a landing target.
 const TARGET_STALE: Span = Span::from_millis(1000);
+/// Duration of the evidence after which PX4 assumes ground contact, s.
+const GROUND_CONTACT_S: f64 = 0.35;
 /// Maximum speed of the hold point towards a landing target, m/s, reached at a distance of 1 m.
 const GUIDED_MPS: f64 = 2.0;
 
@@ -89,6 +91,8 @@ pub(super) struct SimulatedFlight {
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
+    /// Duration of the evidence of ground contact, s.
+    touches_s: f64,
     target: AttitudeSetPoint,
     /// Attitude targets within the dead time, with the times at which they take effect.
     delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
@@ -151,6 +155,7 @@ impl SimulatedFlight {
             integral: still,
             hover_thrust,
             still_s: 0.0,
+            touches_s: 0.0,
             target,
             delayed: VecDeque::new(),
             in_force: target,
@@ -365,6 +370,15 @@ impl SimulatedFlight {
                 self.move_hold(estimate, now, dt);
                 let hold = self.hold;
                 self.target = self.follow(&hold, estimate, dt);
+                if self.touches_ground(estimate, dt) {
+                    self.integral = Vector3::zeros();
+                    self.target = AttitudeSetPoint {
+                        attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw),
+                        yaw_rate: 0.0,
+                        rates: Vector3::zeros(),
+                        thrust: self.config.min_thrust,
+                    };
+                }
                 // Without attitude set-points ArduCopter levels the drone and commands no climb.
                 if levels || self.mode == ALT_HOLD || offboard && self.follows_attitudes() {
                     self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
@@ -515,6 +529,21 @@ impl SimulatedFlight {
         let sample = self.target.thrust * GRAVITY / lift;
         let k = dt / self.config.hover_thrust_s;
         self.hover_thrust = (self.hover_thrust + k * (sample - self.hover_thrust)).clamp(0.1, 0.9);
+    }
+
+    /// PX4's ground contact in a commanded descent, after which position control commands level attitude and minimum
+    /// thrust (`MulticopterLandDetector`, `MulticopterPositionControl`). In a hold PX4 corrects its position on the deck.
+    fn touches_ground(&mut self, e: &Estimate, dt: f64) -> bool {
+        let descends = self.firmware() == Firmware::Px4 && self.hold.velocity.z > 0.0;
+        let least = self.config.min_thrust;
+        let low = self.target.thrust <= least + 0.6 * (self.hover_thrust - least);
+        let still = e.velocity.z.abs() < 0.25 && e.velocity.xy().norm() < 1.5;
+        self.touches_s = if descends && low && still {
+            self.touches_s + dt
+        } else {
+            0.0
+        };
+        self.touches_s >= GROUND_CONTACT_S
     }
 
     /// PX4's land detector, simplified: disarmed, or low thrust and low speed for 1 s. The landing mode then disarms.

@@ -360,7 +360,7 @@ fn failsafes_as_their_parameters_say() {
         // The set-points of this test are positions.
         (Px4, estimator, &[], [Land; 2], true),
         (Px4, reckoning, &[], [Offboard, Land], true),
-        (Px4, battery, &[], [Hold, Land], true),
+        (Px4, battery, &[("COM_LOW_BAT_ACT", 3.0)], [Hold, Land], true),
         (Px4, fence, &[("GF_ACTION", 2.0)], [Hold; 2], true),
         (ArduCopter, remote, &[("FS_OPTIONS", 16.0)], [Hold; 2], true),
         (
@@ -374,7 +374,13 @@ fn failsafes_as_their_parameters_say() {
         (ArduCopter, estimator, &[], [Land; 2], true),
         (ArduCopter, estimator, &[("FS_EKF_ACTION", 2.0)], [Other; 2], true),
         (ArduCopter, reckoning, &[("FS_DR_ENABLE", 2.0)], [Return; 2], true),
-        (ArduCopter, battery, &[], [Land; 2], true),
+        (
+            ArduCopter,
+            battery,
+            &[("BATT_CRT_VOLT", 14.1), ("BATT_FS_CRT_ACT", 1.0)],
+            [Land; 2],
+            true,
+        ),
         (ArduCopter, fence, &[("FENCE_ACTION", 4.0)], [Hold; 2], false),
     ];
     for (k, (firmware, condition, parameters, expected, critical)) in cases.iter().enumerate() {

@@ -260,11 +260,13 @@ impl StormWatch {
     /// Tracks a drone with a low battery that may not know the deck's position: the autopilot flies it home
     /// or down, unless it descends to the deck after all.
     fn look_elsewhere(&mut self, rig: &Rig, k: usize, scene: &StormScene) {
-        let goes = matches!(
+        let sent = matches!(
             rig.mission(k).low_battery,
             Some(BatteryPlace::Home | BatteryPlace::Here)
         );
         let without_deck = scene.runs_low && !rig.world.deck_is_free(k);
+        // The autopilot's failsafe lands it where the mission would.
+        let goes = sent || without_deck && scene.failsafe;
         let may = scene.flight.may_land_elsewhere() && scene.charge_left.is_some() || without_deck;
         self.elsewhere = may && (goes || self.elsewhere && !rig.state(k).meets_deck());
     }

@@ -170,6 +170,70 @@ fn autopilot_failsafes() {
     }
 }
 
+/// Loses the remote control of a drone above the deck whose failsafe holds in OFFBOARD (GUIDED) as well.
+fn with_remote_failsafe(firmware: Firmware, state: State) -> LinkRig {
+    let mut p = LinkRig::new(firmware, 5.0, &config());
+    p.linked.autopilot.channels = Some([1500; 18]);
+    for name in ["COM_RCL_EXCEPT", "FS_OPTIONS"] {
+        if let Some(value) = p.linked.autopilot.parameters.get_mut(name) {
+            *value = 0.0;
+        }
+    }
+    p.take_command();
+    p.mission = state;
+    p.run(2.0);
+    p
+}
+
+#[test]
+fn hold_after_a_lost_remote_control() {
+    for (firmware, state) in BOTH
+        .into_iter()
+        .flat_map(|f| [(f, State::Tracking), (f, State::Flare)])
+    {
+        let mut p = with_remote_failsafe(firmware, state);
+        p.linked.autopilot.conditions.remote_lost = true;
+        let from = p.states.len();
+        p.run(0.3);
+        // The mission keeps the order, and offers a hold.
+        p.mission = State::Idle;
+        p.run(4.0);
+        p.assert_commanding();
+        assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?} {state:?}");
+        let requests = p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len();
+        assert!((1..=3).contains(&requests), "{requests}");
+        let since = &p.states[from..];
+        assert!(
+            since
+                .iter()
+                .all(|s| s.mode != AutopilotMode::Hold || s.set_points_lost)
+        );
+        // Somebody chooses the hold while the remote control is still lost.
+        p.choose(AutopilotMode::Hold);
+        p.run(5.0);
+        assert_eq!(p.mode(), AutopilotMode::Hold);
+        assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), requests);
+        assert!(!p.state().set_points_lost);
+    }
+}
+
+#[test]
+fn hold_that_no_failsafe_near_the_deck_explains() {
+    for (firmware, lost) in BOTH.into_iter().flat_map(|f| [(f, false), (f, true)]) {
+        let mut p = with_remote_failsafe(firmware, State::Approach);
+        // On the way to the vessel the hold stays.
+        p.linked.autopilot.conditions.remote_lost = lost;
+        if !lost {
+            p.mission = State::Flare;
+            p.choose(AutopilotMode::Hold);
+        }
+        p.run(5.0);
+        assert_eq!(p.mode(), AutopilotMode::Hold, "{firmware:?}");
+        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
+        assert!(!p.state().set_points_lost);
+    }
+}
+
 #[test]
 fn silent_pilot_and_its_return() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
