@@ -1,6 +1,9 @@
 //! Each failsafe of the autopilot in each state of a flight, over both firmwares.
 
+use super::at_sea;
 use alight_shared::msg::State;
+use alight_sim::harness::rig::Rig;
+use alight_sim::harness::scenario::NodeConfigs;
 use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Storm, StormEnding, fly};
 use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
@@ -88,6 +91,52 @@ fn failsafes_that_leave_the_landing_alone() {
         })
         .collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The failsafe of a lost remote control holds the drone in the flare, as before COM_RCL_EXCEPT was asked for: Alight
+/// asks for its mode back, and the drone ends on the deck.
+#[test]
+fn failsafes_hold_in_the_flare() {
+    let flights: Vec<_> = BOTH
+        .into_iter()
+        .flat_map(|firmware| (1..=6).map(move |seed| (firmware, seed)))
+        .collect();
+    flights.into_par_iter().for_each(|(firmware, seed)| {
+        let mut scenario = at_sea("0.5,5");
+        scenario.drone.autopilot.firmware = firmware;
+        let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), seed).unwrap();
+        let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
+        autopilot.channels = Some([1500; 18]);
+        for name in ["COM_RCL_EXCEPT", "FS_OPTIONS"] {
+            if let Some(value) = autopilot.parameters.get_mut(name) {
+                *value = 0.0;
+            }
+        }
+        // Another link reads the parameters again.
+        rig.begin(FaultKind::LinkKilled, 0.0);
+        rig.run(0.3);
+        rig.end(FaultKind::LinkKilled, 0.0);
+        assert!(
+            rig.until(90.0, |r| r.is_due(State::Flare, 0.2)),
+            "{firmware:?}, {seed}"
+        );
+        rig.begin(FaultKind::RemoteLost, 0.0);
+        let stands = |r: &Rig| {
+            let o = r.world.observation();
+            o.in_water || !o.motors_on
+        };
+        assert!(
+            rig.until(60.0, stands),
+            "{firmware:?}, {seed}: {:?}",
+            rig.visited(0)
+        );
+        let o = rig.world.observation();
+        let visited = rig.visited(0);
+        assert!(
+            !o.in_water && o.feet_height_m().abs() < 0.1,
+            "{firmware:?}, {seed}: {visited:?}"
+        );
+    });
 }
 
 fn ending(f: &Flown) -> String {
