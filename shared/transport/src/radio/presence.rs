@@ -53,3 +53,18 @@ impl Present {
 pub(super) fn declare(session: &zenoh::Session, name: &str) -> zenoh::Result<LivelinessToken> {
     session.liveliness().declare_token(name.to_owned()).wait()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tokens_of_more_peers_than_are_stored() {
+        let present = Present::default();
+        let drone = |k: usize| Sender::of_key(&format!("alight/drone-{k}"));
+        (1..=2 * MAX_PRESENT).for_each(|k| present.set(drone(k), true));
+        assert_eq!(present.count(|_| true), MAX_PRESENT);
+        present.set(drone(1), false);
+        assert_eq!(present.count(|_| true), MAX_PRESENT - 1);
+    }
+}
