@@ -174,7 +174,7 @@ mod tests {
         let c = AutopilotLinkConfig::default();
         let mut s = MessageStreams::new(Firmware::Px4, &c, Time::from_secs(0.0));
         let first = asked(&mut s, 0.0, 1.0, &[], MavResult::MAV_RESULT_ACCEPTED);
-        assert_eq!(first.len(), 8, "{first:?}");
+        assert_eq!(first.len(), 9, "{first:?}");
         assert!(first.contains(&m::ODOMETRY_DATA::ID) && !first.contains(&m::LOCAL_POSITION_NED_DATA::ID));
         let all_but_range: Vec<u32> = first
             .into_iter()

@@ -398,10 +398,11 @@ fn abort_echo_with_its_newest_repetition() {
 
 #[test]
 fn standstill_in_the_flare() {
-    for (height, still_s, wanted) in [
-        (0.5, 0.3, State::Flare),
-        (0.5, 0.8, State::Tracking),
-        (0.05, 0.8, State::Landed),
+    for (height, still_s, thrust, wanted) in [
+        (0.5, 0.3, 0.34, State::Flare),
+        (0.5, 0.8, 0.34, State::Tracking),
+        (0.05, 0.8, 0.34, State::Flare),
+        (0.05, 0.8, 0.1, State::Landed),
     ] {
         let z = -1.3 - DroneGeometry::default().feet_below_m - height;
         let mut m = node();
@@ -409,11 +410,13 @@ fn standstill_in_the_flare() {
         m.step(at(10.0), &fresh_input(1, at(10.0), [0.1, 0.0, z]));
         assert_eq!(m.phase.state(), State::Flare);
         let t = at(10.0 + still_s);
-        let out = m.step(t, &fresh_input(2, t, [0.1, 0.0, z]));
+        let mut input = fresh_input(2, t, [0.1, 0.0, z]);
+        input.autopilot.as_mut().unwrap().thrust = Some(thrust);
+        let out = m.step(t, &input);
         assert_eq!(
             out.state.map(|s| s.state),
             Some(wanted),
-            "{height} m, {still_s} s"
+            "{height} m, {still_s} s, thrust {thrust}"
         );
     }
 }
@@ -439,10 +442,11 @@ fn drone_without_an_order_where_the_vessel_comes() {
 
 #[test]
 fn set_point_loss_low_above_the_deck() {
-    for (height, unfit, held, wanted) in [
-        (0.5, false, State::Idle, State::GetAltitude),
-        (0.5, true, State::Idle, State::GetAltitude),
-        (0.05, false, State::Landed, State::Landed),
+    for (height, unfit, thrust, held, wanted) in [
+        (0.5, false, 0.34, State::Idle, State::GetAltitude),
+        (0.5, true, 0.34, State::Idle, State::GetAltitude),
+        (0.05, false, 0.34, State::Idle, State::Flare),
+        (0.05, false, 0.1, State::Landed, State::Landed),
     ] {
         let z = -1.3 - DroneGeometry::default().feet_below_m - height;
         let mut m = node();
@@ -453,6 +457,7 @@ fn set_point_loss_low_above_the_deck() {
             input.forecast.as_mut().unwrap().radio_age_s = 9.0;
             let a = input.autopilot.as_mut().unwrap();
             (a.mode, a.set_points_lost) = (mode, mode == AutopilotMode::Hold);
+            a.thrust = Some(thrust);
             if unfit {
                 a.rejection = Reason::plain(ReasonCode::AutopilotParameterUnknown);
             }
@@ -462,7 +467,7 @@ fn set_point_loss_low_above_the_deck() {
         let ours = AutopilotMode::Offboard;
         assert_eq!(step(1, ours).phase(), Phase::Landing);
         assert_eq!(step(2, AutopilotMode::Hold), held);
-        assert_eq!(step(3, ours), wanted, "{height} m, {unfit}");
+        assert_eq!(step(3, ours), wanted, "{height} m, {unfit}, thrust {thrust}");
     }
 }
 
