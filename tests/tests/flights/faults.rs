@@ -44,15 +44,14 @@ const HARD_PERCENT: usize = 3;
 const LITTLE_HARD: f64 = 1.05;
 
 /// Whether the fault stops pilot, link or computer for longer than the autopilot waits for set-points, so
-/// that the autopilot holds.
-const fn is_uncommanded(fault: Option<Fault>) -> bool {
-    matches!(
-        fault,
-        Some(Fault {
-            kind: FaultKind::PilotFrozen | FaultKind::LinkFrozen | FaultKind::ComputerKilled,
-            ..
-        })
-    )
+/// that the autopilot holds. PX4's hold slides and hops on a moving deck before the disarm of a restarted link.
+fn is_uncommanded(fault: Option<Fault>) -> bool {
+    use FaultKind::{ComputerKilled, LinkFrozen, LinkKilled, PilotFrozen};
+    fault.is_some_and(|fault| match fault.kind {
+        PilotFrozen | LinkFrozen | ComputerKilled => true,
+        LinkKilled => fault.moment == Moment::In(State::Landed),
+        _ => false,
+    })
 }
 
 /// Whether a mission restarted without its checkpoint does not know about the landing.
