@@ -18,7 +18,7 @@
 use std::collections::VecDeque;
 
 use alight_shared::estimation::{OffsetBounds, median};
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, DroneTime, Span, VesselTime};
 
 use crate::config::ClockConfig;
 
@@ -89,10 +89,10 @@ impl ClockOffset {
 
     pub fn exchange(
         &mut self,
-        t1: Time<DroneClock>,
-        t2: Time<VesselClock>,
-        t3: Time<VesselClock>,
-        t4: Time<DroneClock>,
+        t1: DroneTime,
+        t2: VesselTime,
+        t3: VesselTime,
+        t4: DroneTime,
     ) -> Result<(), ExchangeRejection> {
         let mut new = Bounds::of_exchange(t1, t2.nanos(), t3.nanos(), t4);
         let max_drift = self.config.max_drift;
@@ -129,7 +129,7 @@ impl ClockOffset {
     }
 
     /// Adds an upper bound from a message valid at `at`, unless no exchange is known or they contradict it.
-    pub fn one_way(&mut self, at: Time<VesselClock>, arrival: Time<DroneClock>) {
+    pub fn one_way(&mut self, at: VesselTime, arrival: DroneTime) {
         let new = Bounds::of_message(at.nanos(), arrival);
         let max_drift = self.config.max_drift;
         let Some(now) = self.combined.map(|b| b.drifted(arrival, max_drift)) else {
@@ -153,11 +153,13 @@ impl ClockOffset {
     }
 
     /// Offset at `now`; None before the first exchange.
-    pub fn at(&self, now: Time<DroneClock>) -> Option<Offset> {
+    pub fn at(&self, now: DroneTime) -> Option<Offset> {
         let b = self.combined?.drifted(now, self.config.max_drift);
-        let (low, high) = (b.low.secs(), b.high.secs());
+        let low = b.low.secs();
+        let high = b.high.secs();
         let offset_s = self.median_s.clamp(low, high);
-        let (half, off_middle) = (0.5 * (high - low), offset_s - 0.5 * (low + high));
+        let half = 0.5 * (high - low);
+        let off_middle = offset_s - 0.5 * (low + high);
         Some(Offset {
             offset_s,
             sd_s: (half / 3f64.sqrt()).hypot(off_middle).max(self.config.min_sd_s),
@@ -166,13 +168,13 @@ impl ClockOffset {
     }
 
     /// Intersection of these bounds at `now`; None if there are none.
-    fn both<'a>(&self, all: impl Iterator<Item = &'a Bounds>, now: Time<DroneClock>) -> Option<Bounds> {
+    fn both<'a>(&self, all: impl Iterator<Item = &'a Bounds>, now: DroneTime) -> Option<Bounds> {
         all.map(|b| b.drifted(now, self.config.max_drift))
             .reduce(Bounds::and)
     }
 
     /// Detects a step: both bounds moved the same way by more than `step_s`. Forgets earlier exchanges.
-    fn detect_step(&mut self, now: Time<DroneClock>) {
+    fn detect_step(&mut self, now: DroneTime) {
         let n = self.samples.len();
         if n < 2 * RECENT {
             return;
@@ -181,7 +183,8 @@ impl ClockOffset {
         let Some((old, new)) = best(0..n - RECENT).zip(best(n - RECENT..n)) else {
             return;
         };
-        let (dl, dh) = ((new.low - old.low).secs(), (new.high - old.high).secs());
+        let dl = (new.low - old.low).secs();
+        let dh = (new.high - old.high).secs();
         if dl * dh > 0.0 && dl.abs().min(dh.abs()) > self.config.step_s {
             self.steps = self.steps.saturating_add(1);
             self.samples.drain(..n - RECENT);
@@ -190,7 +193,7 @@ impl ClockOffset {
     }
 
     /// Drops bounds outside the window and intersects the rest.
-    fn combine(&mut self, now: Time<DroneClock>) {
+    fn combine(&mut self, now: DroneTime) {
         let window = self.config.window_s;
         self.samples.retain(|b| (now - b.at).secs() <= window);
         self.one_way.retain(|b| (now - b.at).secs() <= window);
@@ -216,7 +219,11 @@ impl ClockOffset {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
+    fn offset() -> ClockOffset {
+        ClockOffset::new(&ClockConfig::default())
+    }
     fn t<C>(s: f64) -> Time<C> {
         Time::from_secs(s)
     }
@@ -234,7 +241,7 @@ mod tests {
 
     #[test]
     fn clock_offset_with_symmetric_delays() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         for k in 0..10 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.437).unwrap();
         }
@@ -245,7 +252,7 @@ mod tests {
 
     #[test]
     fn clock_offset_drifting_by_20_ppm() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         for k in 0..1200 {
             let now = 0.5 * f64::from(k);
             run(&mut c, now, 0.03, 0.03, 0.2 + 20e-6 * now).unwrap();
@@ -256,7 +263,7 @@ mod tests {
 
     #[test]
     fn clock_offset_step_confirmed_by_second_exchange() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         for k in 0..20 {
             run(&mut c, 0.5 * f64::from(k), 0.05, 0.05, 0.4).unwrap();
         }
@@ -271,7 +278,7 @@ mod tests {
 
     #[test]
     fn clock_offset_step_shorter_than_round_trip() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         for k in 0..60 {
             let now = 0.5 * f64::from(k);
             let offset = if now < 20.0 { 0.0 } else { 0.06 };
@@ -283,7 +290,7 @@ mod tests {
 
     #[test]
     fn clock_offset_from_one_way_messages() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         c.one_way(t(0.0), t(0.5));
         assert_eq!(c.at(t(0.0)), None, "no offset from one direction alone");
         run(&mut c, 0.0, 0.05, 0.05, 0.4).unwrap();
@@ -298,7 +305,7 @@ mod tests {
 
     #[test]
     fn clock_offset_with_uneven_traffic() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         // Delays vary between 60 and 140 ms, and thirty estimates arrive per two exchanges.
         let delay = |k: u32, phase: f64| 0.1 + 0.04 * (f64::from(k) * 2.4 + phase).sin();
         for k in 0..60 {
@@ -321,11 +328,12 @@ mod tests {
 
     #[test]
     fn clock_offset_without_delay() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         for k in 0..5 {
             let start = f64::from(k);
             // The vessel held the request for 10 ms on its own clock, which is 20 ppm fast.
-            let (t2, t3) = (start + 3.0, start + 3.0 + 0.01 * 1.000_02);
+            let t2 = start + 3.0;
+            let t3 = start + 3.0 + 0.01 * 1.000_02;
             c.exchange(t(start), t(t2), t(t3), t(start + 0.01)).unwrap();
         }
         let offset = c.at(t(5.0)).unwrap();
@@ -337,7 +345,7 @@ mod tests {
 
     #[test]
     fn clock_offset_impossible_round_trips() {
-        let mut c = ClockOffset::new(&ClockConfig::default());
+        let mut c = offset();
         assert_eq!(
             c.exchange(t(1.0), t(0.0), t(0.5), t(1.1)),
             Err(ExchangeRejection::RoundTrip)

@@ -12,7 +12,7 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, VesselClock};
+use alight_shared::time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime};
 use alight_shared::wire::{self, WireError};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -87,7 +87,7 @@ const MAX_OPEN: usize = 16;
 
 #[derive(Clone, Copy, Debug)]
 struct Request {
-    at: Time<DroneClock>,
+    at: DroneTime,
     /// The current computer has replied to this request.
     answered: bool,
 }
@@ -100,8 +100,8 @@ pub struct Bridge {
     /// Indexed by [`RadioTopic`].
     orders: [SequenceOrder; RadioTopic::ALL.len()],
     /// Newest time of validity in the current boot, on the vessel's clock.
-    newest: Option<Time<VesselClock>>,
-    newest_received: Option<(u32, Time<VesselClock>)>,
+    newest: Option<VesselTime>,
+    newest_received: Option<(u32, VesselTime)>,
     updates: UpdateReceiver<VesselClock>,
     clock: ClockOffset,
     link: LinkStatistics,
@@ -147,16 +147,16 @@ impl Bridge {
         &self.rejections
     }
     /// Boot of a second computer that recently published as the vessel; its messages are not used.
-    pub fn second_sender(&self, now: Time<DroneClock>) -> Option<u32> {
+    pub fn second_sender(&self, now: DroneTime) -> Option<u32> {
         self.boots.second(now)
     }
-    pub fn offset(&self, now: Time<DroneClock>) -> Option<Offset> {
+    pub fn offset(&self, now: DroneTime) -> Option<Offset> {
         self.clock.at(now)
     }
 
     fn packet(
         &mut self,
-        arrival: Time<DroneClock>,
+        arrival: DroneTime,
         packet: &Packet,
         out: &mut BridgeOut,
     ) -> Result<(), RejectionReason> {
@@ -238,7 +238,7 @@ impl Bridge {
 
     fn waves(
         &mut self,
-        arrival: Time<DroneClock>,
+        arrival: DroneTime,
         m: &WaveUpdate<VesselClock>,
     ) -> Result<Option<WaveModel<DroneClock>>, RejectionReason> {
         // Not admitted yet: the missing base, which a joining drone asks for, would then arrive out of order.
@@ -253,11 +253,11 @@ impl Bridge {
     /// sequence numbers since its predecessor. Its time may be up to `ahead` seconds in the future.
     fn admit<M: Message<Clock = VesselClock>>(
         &mut self,
-        arrival: Time<DroneClock>,
+        arrival: DroneTime,
         message: &M,
         kind: RadioTopic,
         ahead: f64,
-    ) -> Result<(Time<DroneClock>, u32), RejectionReason> {
+    ) -> Result<(DroneTime, u32), RejectionReason> {
         let header = message.header();
         check_identity(header, self.config.vessel_id, self.config.drone_id)?;
         message.check().map_err(|_| RejectionReason::OutOfRange)?;
@@ -308,18 +308,14 @@ impl Bridge {
     }
 
     /// Time of a message on the drone's clock and the bound of its error, s; None without an offset.
-    fn on_own_clock(
-        &self,
-        arrival: Time<DroneClock>,
-        header: &Header<VesselClock>,
-    ) -> Option<(Time<DroneClock>, f64)> {
+    fn on_own_clock(&self, arrival: DroneTime, header: &Header<VesselClock>) -> Option<(DroneTime, f64)> {
         let offset = self.clock.at(arrival)?;
         let since = Span::from_secs(offset.offset_s).nanos();
         let at = Time::from_nanos(header.at.nanos().saturating_add(since));
         Some((at, offset.max_error_s))
     }
 
-    fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
+    fn adopt(&mut self, now: DroneTime, boot: u32) {
         self.boots.adopt(now, boot);
         self.begin_again();
     }
@@ -332,7 +328,7 @@ impl Bridge {
 
     fn time_reply(
         &mut self,
-        t4: Time<DroneClock>,
+        t4: DroneTime,
         m: &TimeReply<VesselClock, DroneClock>,
     ) -> Result<(), RejectionReason> {
         let header: &Header<VesselClock> = &m.header;
@@ -368,7 +364,7 @@ impl Bridge {
         Ok(())
     }
 
-    fn time_request(&mut self, now: Time<DroneClock>) -> Option<TimeRequest<DroneClock>> {
+    fn time_request(&mut self, now: DroneTime) -> Option<TimeRequest<DroneClock>> {
         let period = Span::from_secs(1.0 / self.config.clock.request_rate_hz);
         if !self.next_request.is_due(now, period) {
             return None;
@@ -396,7 +392,7 @@ impl Bridge {
         })
     }
 
-    fn link_state(&mut self, now: Time<DroneClock>) -> Option<LinkState> {
+    fn link_state(&mut self, now: DroneTime) -> Option<LinkState> {
         let period = Span::from_secs(1.0 / self.config.link_rate_hz);
         if !self.next_link.is_due(now, period) {
             return None;
@@ -432,7 +428,7 @@ impl Node for Bridge {
     type In = BridgeIn;
     type Out = BridgeOut;
 
-    fn step(&mut self, now: Time<DroneClock>, input: &BridgeIn) -> BridgeOut {
+    fn step(&mut self, now: DroneTime, input: &BridgeIn) -> BridgeOut {
         let mut out = BridgeOut::default();
         for p in &input.packets {
             if let Err(reason) = self.packet(p.at.min(now), &p.value, &mut out) {

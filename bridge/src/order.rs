@@ -10,7 +10,7 @@
 use std::collections::VecDeque;
 
 use alight_shared::admission::RejectionReason;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 
 const MAX_OTHERS: usize = 16;
 /// Silence of the current computer after which a boot that was never received at the same time counts as its restart:
@@ -31,8 +31,8 @@ pub struct Boots {
 #[derive(Clone, Copy, Debug)]
 struct CurrentComputer {
     boot: u32,
-    received: Time<DroneClock>,
-    adopted: Time<DroneClock>,
+    received: DroneTime,
+    adopted: DroneTime,
     /// Boot of the computer whose restart this one is assumed to be.
     predecessor: Option<u32>,
 }
@@ -40,8 +40,8 @@ struct CurrentComputer {
 #[derive(Clone, Copy, Debug)]
 struct Other {
     boot: u32,
-    first: Time<DroneClock>,
-    newest: Time<DroneClock>,
+    first: DroneTime,
+    newest: DroneTime,
     retired: bool,
     is_second: bool,
 }
@@ -60,7 +60,7 @@ pub enum Boot {
 
 impl Boots {
     /// Classifies a message with this `boot` that arrives at `now`.
-    pub fn observe(&mut self, now: Time<DroneClock>, boot: u32) -> Boot {
+    pub fn observe(&mut self, now: DroneTime, boot: u32) -> Boot {
         let Some(current) = self.current else {
             return Boot::First;
         };
@@ -94,17 +94,16 @@ impl Boots {
     }
     /// Records an admitted message of the current computer that was sent at `sent` or later, on our clock. Any other
     /// boot that was received before `sent` belongs to another computer.
-    pub fn received(&mut self, now: Time<DroneClock>, sent: Time<DroneClock>) {
+    pub fn received(&mut self, now: DroneTime, sent: DroneTime) {
         if let Some(current) = &mut self.current {
             current.received = current.received.max(now);
             let lived = |o: &&mut Other| !o.retired && o.first < sent;
-            self.others
-                .iter_mut()
-                .filter(lived)
-                .for_each(|o| o.is_second = true);
+            for o in self.others.iter_mut().filter(lived) {
+                o.is_second = true;
+            }
         }
     }
-    pub fn adopt(&mut self, now: Time<DroneClock>, boot: u32) {
+    pub fn adopt(&mut self, now: DroneTime, boot: u32) {
         let second = self.others.iter().any(|o| o.boot == boot && o.is_second);
         self.others.retain(|o| o.boot != boot);
         let former = self.current.replace(CurrentComputer {
@@ -126,7 +125,7 @@ impl Boots {
     }
     /// Records a reply of this boot to a request sent at `asked`. Returns true if the reply is from the former
     /// computer: the supposed restart is then another computer, and the former must become current again.
-    pub fn returns(&mut self, now: Time<DroneClock>, boot: u32, asked: Time<DroneClock>) -> bool {
+    pub fn returns(&mut self, now: DroneTime, boot: u32, asked: DroneTime) -> bool {
         let Some(current) = self
             .current
             .filter(|h| h.predecessor == Some(boot) && asked > h.adopted)
@@ -138,11 +137,14 @@ impl Boots {
             returned.predecessor = None;
         }
         let second = self.others.iter_mut().filter(|o| o.boot == current.boot);
-        second.for_each(|o| (o.is_second, o.newest) = (true, now));
+        for o in second {
+            o.is_second = true;
+            o.newest = now;
+        }
         true
     }
     /// Boot of a second computer with the vessel's identity that was received recently.
-    pub fn second(&self, now: Time<DroneClock>) -> Option<u32> {
+    pub fn second(&self, now: DroneTime) -> Option<u32> {
         let lately = |o: &&Other| o.is_second && now - o.newest <= SECOND_TIMEOUT;
         self.others.iter().rfind(lately).map(|o| o.boot)
     }
@@ -203,8 +205,9 @@ impl SequenceOrder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
-    fn at(s: f64) -> Time<DroneClock> {
+    fn at(s: f64) -> DroneTime {
         Time::from_secs(s)
     }
 

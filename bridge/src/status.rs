@@ -4,7 +4,7 @@ use alight_shared::admission::Periodic;
 use alight_shared::msg::{
     AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, still_armed_s,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use alight_shared::topics;
 
 use crate::config::BridgeConfig;
@@ -36,12 +36,7 @@ impl Default for StatusReport {
 
 impl StatusReport {
     /// Status when due; None before the mission publishes, because a placeholder would free the deck.
-    pub(crate) fn step(
-        &mut self,
-        now: Time<DroneClock>,
-        config: &BridgeConfig,
-        boot: u32,
-    ) -> Option<DroneStatus> {
+    pub(crate) fn step(&mut self, now: DroneTime, config: &BridgeConfig, boot: u32) -> Option<DroneStatus> {
         let mission = self.mission.as_ref()?;
         let period = Span::from_secs(1.0 / topics::DRONE_STATUS.rate_hz);
         if !self.next.is_due(now, period) {

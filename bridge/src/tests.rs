@@ -3,14 +3,14 @@
 use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet};
 use alight_shared::admission::{RejectionReason, Sender};
 use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AutopilotState, MissionState, Seq, State};
 use alight_shared::msg::{
-    CommandKind, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, f16, message_version,
+    AutopilotState, CommandKind, EstimateUpdate, Header, Message, MissionState, OperatorCommand,
+    PredictedStage, Seq, State, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
+    message_version,
 };
 use alight_shared::node::Node;
 use alight_shared::radio::RadioTopic;
-use alight_shared::time::{Clock, DroneClock, Span, Stamped, Time, VesselClock};
+use alight_shared::time::{Clock, DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime};
 use alight_shared::wire;
 use proptest::prelude::*;
 
@@ -19,14 +19,17 @@ mod waves;
 
 const OFFSET: f64 = 0.35;
 
-fn drone(s: f64) -> Time<DroneClock> {
+fn bridge() -> Bridge {
+    Bridge::new(&BridgeConfig::default(), 9)
+}
+fn drone(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
-fn vessel(s: f64) -> Time<VesselClock> {
+fn vessel(s: f64) -> VesselTime {
     Time::from_secs(s - OFFSET)
 }
 
-fn estimate(boot: u32, sequence: u32, at: Time<VesselClock>) -> VesselEstimate<VesselClock> {
+fn estimate(boot: u32, sequence: u32, at: VesselTime) -> VesselEstimate<VesselClock> {
     VesselEstimate {
         header: Header::new(1, 0, boot, sequence, at),
         datum: Datum::default(),
@@ -91,7 +94,7 @@ fn admitted(b: &mut Bridge, now: f64, m: &VesselEstimate<VesselClock>) -> Option
 /// Bridge after `seconds` of exchanges, and the time at their end; `delays` returns those of request and
 /// reply for each 10 ms step.
 fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) {
-    let mut b = Bridge::new(&BridgeConfig::default(), 9);
+    let mut b = bridge();
     let mut in_flight: Vec<(f64, TimeReply<VesselClock, DroneClock>)> = Vec::new();
     for k in 0..100 * seconds {
         let now = 0.01 * f64::from(k);
@@ -108,13 +111,13 @@ fn exchanged(seconds: u32, delays: impl Fn(u32) -> (f64, f64)) -> (Bridge, f64) 
     }
     (b, f64::from(seconds))
 }
-fn converged(there: f64, back: f64, seconds: u32) -> (Bridge, f64) {
-    exchanged(seconds, |_| (there, back))
+fn converged(seconds: u32) -> (Bridge, f64) {
+    exchanged(seconds, |_| (0.05, 0.05))
 }
 
 #[test]
 fn bridge_estimate_on_the_drone_clock() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let m = estimate(1, 0, vessel(now - 0.04));
     let e = admitted(&mut b, now, &m).unwrap();
     assert!(
@@ -128,7 +131,7 @@ fn bridge_estimate_on_the_drone_clock() {
 
 #[test]
 fn bridge_without_clock_offset() {
-    let mut b = Bridge::new(&BridgeConfig::default(), 9);
+    let mut b = bridge();
     let m = estimate(1, 0, vessel(1.0));
     let out = step(&mut b, 1.0, vec![estimate_packet(1.0, &m)]);
     assert!(out.estimate.is_none());
@@ -138,7 +141,7 @@ fn bridge_without_clock_offset() {
 
 #[test]
 fn bridge_abort_old_or_without_clock_offset() {
-    let abort = |sequence: u32, given: Time<VesselClock>| OperatorCommand {
+    let abort = |sequence: u32, given: VesselTime| OperatorCommand {
         header: Header::new(1, BridgeConfig::default().drone_id, 1, sequence, given),
         kind: CommandKind::Abort,
     };
@@ -146,19 +149,19 @@ fn bridge_abort_old_or_without_clock_offset() {
         let out = step(b, now, vec![packet(now, RadioTopic::Command, m)]);
         out.commands.first().map(|c| c.header.at.secs())
     };
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let given = now - 20.0;
     for k in 0..4 {
         let passed = at(&mut b, now + 0.5 * f64::from(k), &abort(k, vessel(given))).unwrap();
         assert!((passed - given).abs() < 0.01, "{passed}");
     }
-    let mut without_a_clock = Bridge::new(&BridgeConfig::default(), 9);
+    let mut without_a_clock = bridge();
     assert_eq!(at(&mut without_a_clock, 7.0, &abort(0, vessel(1.0))), Some(7.0));
 }
 
 #[test]
 fn bridge_rejection_reasons() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let good = estimate(1, 10, vessel(now - 0.05));
     let edit = |f: &dyn Fn(&mut VesselEstimate<VesselClock>)| {
         let mut m = estimate(1, 11, vessel(now - 0.02));
@@ -216,7 +219,7 @@ fn bridge_rejection_reasons() {
 
 #[test]
 fn bridge_restarted_vessel() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let old = estimate(1, 500, vessel(now - 0.2));
     assert!(admitted(&mut b, now, &old).is_some());
     assert!(admitted(&mut b, now, &estimate(2, 0, vessel(now - 0.05))).is_none());
@@ -263,7 +266,8 @@ fn next_to_a_second_computer(
         for ((boot, at), _) in senders.filter(|_| out.time_request.is_some()) {
             let delay = if boot == 1 { 0.1 } else { 0.01 };
             let mut r = reply(&out.time_request.unwrap(), boot, at + delay);
-            (r.header.at, r.received_at) = (vessel(at + delay), vessel(at + delay));
+            r.header.at = vessel(at + delay);
+            r.received_at = vessel(at + delay);
             replies.push((now + 2.0 * delay, r));
         }
     }
@@ -272,7 +276,7 @@ fn next_to_a_second_computer(
 
 #[test]
 fn second_computer_with_the_vessels_identity() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let before = b.offset(drone(now)).unwrap().offset_s;
     let passed = next_to_a_second_computer(&mut b, now, 20.0, 100.0..100.0);
     assert!(passed.len() > 500 && passed.iter().all(|(_, boot)| *boot == 1));
@@ -284,12 +288,12 @@ fn second_computer_with_the_vessels_identity() {
     let link = step(&mut b, now + 20.1, vec![]).link.unwrap();
     assert_eq!(link.second_sender, Some(2));
     // It remains the second computer during a radio outage of the current one, even one as long as a descent.
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let passed = next_to_a_second_computer(&mut b, now, 50.0, 1.0..45.0);
     assert!(passed.iter().all(|(_, boot)| *boot == 1));
     assert!(passed.iter().any(|(t, _)| *t > 45.0));
     // After a permanent outage, the second computer takes over the identity.
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let passed = next_to_a_second_computer(&mut b, now, 70.0, 1.0..100.0);
     let first = passed.iter().find(|(_, boot)| *boot == 2).unwrap().0;
     assert!((61.0..62.0).contains(&first), "{first}");
@@ -297,7 +301,7 @@ fn second_computer_with_the_vessels_identity() {
 
 #[test]
 fn second_computer_first_received_in_an_outage() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     // The second computer counts as a restart of the vessel until the current computer replies.
     let passed = next_to_a_second_computer(&mut b, now, 10.0, 0.1..3.0);
     assert!(passed.iter().any(|(_, boot)| *boot == 2));
@@ -310,7 +314,7 @@ fn second_computer_first_received_in_an_outage() {
 
 #[test]
 fn abort_through_a_second_computer() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     assert!(admitted(&mut b, now, &estimate(1, 1, vessel(now - 0.05))).is_some());
     let order = |kind, sequence| OperatorCommand::<VesselClock> {
         header: Header::new(1, 1, 2, sequence, vessel(now)),
@@ -332,7 +336,7 @@ fn abort_through_a_second_computer() {
 
 #[test]
 fn bridge_restarted_vessel_with_earlier_clock() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     // A vessel that restarts with its clock 100 s behind.
     let behind = |s: f64| vessel(s - 100.0);
     let e = |seq: u32, s: f64| estimate(2, seq, behind(s - 0.05));
@@ -357,7 +361,7 @@ fn bridge_restarted_vessel_with_earlier_clock() {
 
 #[test]
 fn bridge_link_state_at_10_hz() {
-    let (mut b, start) = converged(0.05, 0.05, 5);
+    let (mut b, start) = converged(5);
     let mut links = Vec::new();
     for k in 0..300_u32 {
         let now = start + 0.01 * f64::from(k);
@@ -399,7 +403,7 @@ proptest! {
     fn bridge_random_bytes(
         bytes in prop::collection::vec(any::<u8>(), 0..600), kind in 0..4usize,
     ) {
-        let (mut b, now) = converged(0.05, 0.05, 1);
+        let (mut b, now) = converged(1);
         let kind = [RadioTopic::Estimate, RadioTopic::Wave, RadioTopic::Prediction, RadioTopic::TimeReply][kind];
         let out = step(&mut b, now, vec![Stamped::new(drone(now), Packet {
                 kind,
@@ -414,7 +418,7 @@ proptest! {
     fn bridge_damaged_estimates(
         cut in 0..300usize, flip in 0..2000usize, which in 0..2u8,
     ) {
-        let (mut b, now) = converged(0.05, 0.05, 1);
+        let (mut b, now) = converged(1);
         let mut p = estimate_packet(now, &estimate(1, 0, vessel(now - 0.05)));
         let n = p.value.bytes.len();
         if which == 0 {
@@ -431,9 +435,10 @@ proptest! {
 
     #[test]
     fn bridge_estimates_in_any_order(order in Just((0..40u32).collect::<Vec<_>>()).prop_shuffle()) {
-        let (mut b, start) = converged(0.05, 0.05, 1);
-        let mut newest: Option<(u32, Time<DroneClock>)> = None;
-        let (mut passed, mut sent) = (0, 0);
+        let (mut b, start) = converged(1);
+        let mut newest: Option<(u32, DroneTime)> = None;
+        let mut passed = 0;
+        let mut sent = 0;
         for (k, seq) in order.iter().enumerate() {
             let now = start + 0.5 + 0.002 * k as f64;
             let m = estimate(1, *seq, vessel(start + 0.01 * f64::from(*seq)));
@@ -453,7 +458,7 @@ proptest! {
 
     #[test]
     fn bridge_extreme_time_stamps(at in any::<i64>(), t2 in any::<i64>(), t3 in any::<i64>()) {
-        let mut b = Bridge::new(&BridgeConfig::default(), 9);
+        let mut b = bridge();
         let q = step(&mut b, 0.0, vec![]).time_request.unwrap();
         let r = TimeReply::<VesselClock, DroneClock> {
             header: Header::new(1, 1, 1, 0, Time::from_nanos(t3)),
@@ -477,7 +482,7 @@ proptest! {
 /// The status is assembled from the newest reports twice a second, once the mission publishes.
 #[test]
 fn status_of_the_drone() {
-    let mut b = Bridge::new(&BridgeConfig::default(), 9).disarmed_within(2.0);
+    let mut b = bridge().disarmed_within(2.0);
     let at = |s| Header::new(1, 1, 3, 1, drone(s));
     let mut step = |s: f64, mission, autopilot| {
         let input = BridgeIn {

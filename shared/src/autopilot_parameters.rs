@@ -409,7 +409,8 @@ mod tests {
             Within(low, high, _) => (low, high),
             other => panic!("{other:?}"),
         };
-        let ((_, timeout), (braking, _)) = (bounds("COM_OF_LOSS_T"), bounds("MPC_ACC_UP_MAX"));
+        let (_, timeout) = bounds("COM_OF_LOSS_T");
+        let (braking, _) = bounds("MPC_ACC_UP_MAX");
         let stop_m = 2.5 * timeout + 2.5 * 2.5 / (2.0 * braking);
         assert!(stop_m < 1.65, "{stop_m}");
     }

@@ -531,7 +531,7 @@ mod tests {
 
     use super::*;
     use crate::msg::{MissionCheckpoint, MissionState, Plan, RangeSample};
-    use crate::time::{DroneClock, Time};
+    use crate::time::{DroneClock, DroneTime};
 
     /// All sent messages, in order.
     #[derive(Default)]
@@ -606,7 +606,7 @@ mod tests {
         type Clock = DroneClock;
         type In = In;
         type Out = Out;
-        fn step(&mut self, _now: Time<DroneClock>, _input: &In) -> Out {
+        fn step(&mut self, _now: DroneTime, _input: &In) -> Out {
             Out::default()
         }
     }
@@ -664,7 +664,8 @@ mod tests {
         assert!(read.kept.is_none());
 
         assert_eq!((ports.states(0).len(), ports.unsent()), (2, 3));
-        let (mut read, mut written) = (0, 0);
+        let mut read = 0;
+        let mut written = 0;
         Echo::read_parts(&mut In::default(), &mut |part| {
             read += usize::from(part.is::<Option<Plan>>() || part.is::<Vec<RangeSample>>());
         });

@@ -12,10 +12,9 @@ use crate::admission::Latest;
 use crate::bus::{Bus, Reader as _, Writer as _};
 use crate::msg::{LinkCheckpoint, Message, MissionCheckpoint, PredictorCheckpoint, message_version};
 use crate::plain::Plain;
-use crate::schema;
-use crate::time::{DroneClock, Span, Time};
-use crate::topics;
+use crate::time::{DroneClock, DroneTime, Span, Time};
 use crate::wire::{self, WireError};
+use crate::{schema, topics};
 
 /// Timeout for the stored checkpoint: 15 of its periods.
 const TIMEOUT: Span = Span::from_millis(300);
@@ -52,18 +51,18 @@ impl fmt::Display for CheckpointRejection {
 /// Start-up of a node that waits for the checkpoint of its crashed predecessor.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery<M> {
-    since: Option<Time<DroneClock>>,
+    since: Option<DroneTime>,
     answer: Option<M>,
 }
 
 impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
     /// Takes the checkpoint `given` to the node with this `boot`. Returns true on arrival or timeout.
-    pub fn poll(&mut self, now: Time<DroneClock>, boot: u32, given: Option<&M>) -> bool {
+    pub fn poll(&mut self, now: DroneTime, boot: u32, given: Option<&M>) -> bool {
         self.answer = given.filter(|m| m.header().boot != boot).copied().or(self.answer);
         self.answer.is_some() || self.waited(now) >= TIMEOUT
     }
     /// Time since the first poll.
-    pub fn waited(&mut self, now: Time<DroneClock>) -> Span {
+    pub fn waited(&mut self, now: DroneTime) -> Span {
         now - *self.since.get_or_insert(now)
     }
     /// Checkpoint of the predecessor, not yet validated; None if none is stored (boot 0).
@@ -73,7 +72,7 @@ impl<M: Message<Clock = DroneClock> + Copy> Recovery<M> {
 }
 
 /// Validates `m` at `now` for drone `drone`.
-pub fn validate<M: Checkpoint>(now: Time<DroneClock>, drone: u32, m: &M) -> Result<(), CheckpointRejection> {
+pub fn validate<M: Checkpoint>(now: DroneTime, drone: u32, m: &M) -> Result<(), CheckpointRejection> {
     let h = m.header();
     if h.version != message_version() {
         return Err(CheckpointRejection::Version);
@@ -111,7 +110,7 @@ macro_rules! kept {
             fn checkpoints(&self) -> Checkpoints {
                 Checkpoints { $($field: self.$field.get().copied(),)* }
             }
-            fn take_all(&mut self, now: Time<DroneClock>, kept: &Checkpoints) {
+            fn take_all(&mut self, now: DroneTime, kept: &Checkpoints) {
                 $(self.take(now, kept.$field.as_ref());)*
             }
         }
@@ -177,7 +176,7 @@ pub fn of_file<T: DeserializeOwned + JsonSchema>(owner: &str, file: &[u8]) -> Re
 
 impl CheckpointStore {
     /// Takes a checkpoint published by a node. Returns whether it is newer than the stored one.
-    pub fn take<M: Checkpoint>(&mut self, now: Time<DroneClock>, m: Option<&M>) -> bool {
+    pub fn take<M: Checkpoint>(&mut self, now: DroneTime, m: Option<&M>) -> bool {
         m.filter(|m| m.header().boot != 0)
             .is_some_and(|m| M::of_mut(self).offer(now, m))
     }
@@ -209,7 +208,7 @@ impl CheckpointStore {
     /// Restores the checkpoints of an earlier file.
     pub fn restore(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         computer_boot: &str,
         file: &[u8],
     ) -> Result<(), CheckpointRejection> {
@@ -239,7 +238,7 @@ impl<B: Bus> Republisher<B> {
         })
     }
     /// Takes published checkpoints. Returns whether one is new.
-    pub fn take(&mut self, now: Time<DroneClock>) -> bool {
+    pub fn take(&mut self, now: DroneTime) -> bool {
         let new = [
             self.predictor.take(now, &mut self.store),
             self.mission.take(now, &mut self.store),
@@ -248,7 +247,7 @@ impl<B: Bus> Republisher<B> {
         new.contains(&true)
     }
     /// Takes new checkpoints and publishes the newest of each.
-    pub fn poll(&mut self, now: Time<DroneClock>) -> bool {
+    pub fn poll(&mut self, now: DroneTime) -> bool {
         let new = self.take(now);
         self.predictor.own.send(&self.store.newest());
         self.mission.own.send(&self.store.newest());
@@ -278,7 +277,7 @@ impl<B: Bus, M: Plain + Checkpoint> Republished<B, M> {
         })
     }
     /// Returns whether a new checkpoint arrived. The endpoint also receives its own publications, which are never newer.
-    fn take(&mut self, now: Time<DroneClock>, store: &mut CheckpointStore) -> bool {
+    fn take(&mut self, now: DroneTime, store: &mut CheckpointStore) -> bool {
         let taken = |new, m| store.take(now, Some(&m)) | new;
         self.nodes.all(now.nanos()).into_iter().fold(false, taken)
     }
@@ -289,7 +288,7 @@ mod tests {
     use super::*;
     use crate::msg::Header;
 
-    fn at(s: f64) -> Time<DroneClock> {
+    fn at(s: f64) -> DroneTime {
         Time::from_secs(s)
     }
     fn mission(boot: u32, s: f64) -> MissionCheckpoint {
@@ -347,7 +346,8 @@ mod tests {
         let file = k.lasting().encode("").unwrap();
         let mut k = CheckpointStore::default();
         assert_eq!(k.restore(at(0.1), "", &file), Ok(()));
-        let (kept, link) = (k.newest::<MissionCheckpoint>(), k.newest::<LinkCheckpoint>());
+        let kept = k.newest::<MissionCheckpoint>();
+        let link = k.newest::<LinkCheckpoint>();
         assert!(kept.sortie && kept.landing && link.own_mission && !link.commanding);
         for now in [0.1, 3.0, 1000.0].map(at) {
             assert_eq!(validate(now, 1, &kept), Err(CheckpointRejection::Age));
@@ -371,7 +371,8 @@ mod tests {
         );
         assert_eq!(restored("this boot", &[]), Err(CheckpointRejection::Damaged));
         for at in 0..file.len() {
-            let (mut flipped, mut cut) = (file.clone(), file.clone());
+            let mut flipped = file.clone();
+            let mut cut = file.clone();
             flipped[at] ^= 1;
             cut.truncate(at);
             assert!(restored("this boot", &flipped).is_err(), "{at}");

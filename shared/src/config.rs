@@ -149,7 +149,8 @@ macro_rules! config {
             ) -> ::core::result::Result<(), $crate::config::ConfigError> {
                 $($crate::config!(@check self at $field $(= $default $(, $kind $($range)?)?)?);)*
                 $({
-                    let ($this, $at) = (self, at);
+                    let $this = self;
+                    let $at = at;
                     $body
                 })?
                 Ok(())

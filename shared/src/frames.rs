@@ -200,6 +200,16 @@ pub fn body_from_camera() -> Matrix3<f64> {
     Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
+/// Rotation by `yaw` about the down axis, rad.
+pub fn yaw_rotation(yaw: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_euler_angles(0.0, 0.0, yaw)
+}
+
+/// Components of a rotation as messages carry them: w, x, y, z.
+pub fn wxyz(q: &UnitQuaternion<f64>) -> [f64; 4] {
+    [q.w, q.i, q.j, q.k]
+}
+
 /// Wraps an angle to (-pi, pi], rad. A non-finite angle stays non-finite.
 pub fn wrap_angle(a: f64) -> f64 {
     use core::f64::consts::{PI, TAU};

@@ -67,8 +67,10 @@ impl Datum {
         if local.0 == Vector3::zeros() {
             return *self;
         }
-        let (axes, height_m) = (self.axes(), self.height_m - local.0.z);
-        let (mut down, mut place) = (local.0.z, *self);
+        let axes = self.axes();
+        let height_m = self.height_m - local.0.z;
+        let mut down = local.0.z;
+        let mut place = *self;
         // Each iteration reduces the height error by `(distance / radius)²`.
         for _ in 0..ITERATIONS {
             place = Datum::of_ecef(self.ecef() + axes * Vector3::new(local.0.x, local.0.y, down));
@@ -96,7 +98,8 @@ impl Datum {
     /// of curvature along meridian and parallel (Groves 2013, eq. 2.105 and 2.106) divided by `radius_m`.
     pub fn metres_per_map_metre(&self, radius_m: f64) -> [f64; 2] {
         let w2 = 1.0 - E2 * self.latitude_deg.to_radians().sin().powi(2);
-        let (prime, meridian) = (A / w2.sqrt(), A * (1.0 - E2) / (w2 * w2.sqrt()));
+        let prime = A / w2.sqrt();
+        let meridian = A * (1.0 - E2) / (w2 * w2.sqrt());
         [meridian, prime].map(|r| (r + self.height_m) / radius_m)
     }
 
@@ -106,7 +109,8 @@ impl Datum {
     }
     /// Earth-centred, Earth-fixed coordinates, m (Groves 2013, eq. 2.112).
     fn ecef(&self) -> Vector3<f64> {
-        let (lat, lon) = (self.latitude_deg.to_radians(), self.longitude_deg.to_radians());
+        let lat = self.latitude_deg.to_radians();
+        let lon = self.longitude_deg.to_radians();
         let prime = A / (1.0 - E2 * lat.sin().powi(2)).sqrt();
         let parallel = (prime + self.height_m) * lat.cos();
         Vector3::new(
@@ -132,7 +136,8 @@ impl Datum {
     }
     /// Rotation from local NED to ECEF (Groves 2013, eq. 2.150).
     fn axes(&self) -> Matrix3<f64> {
-        let (lat, lon) = (self.latitude_deg.to_radians(), self.longitude_deg.to_radians());
+        let lat = self.latitude_deg.to_radians();
+        let lon = self.longitude_deg.to_radians();
         let level = Rotation3::from_axis_angle(&Vector3::y_axis(), -lat - 0.25 * TAU);
         (Rotation3::from_axis_angle(&Vector3::z_axis(), lon) * level).into_inner()
     }
@@ -190,7 +195,8 @@ mod tests {
                 longitude_deg: d.longitude_deg - 5e-4,
                 height_m: 12.0,
             };
-            let (exact, radii) = (d.to::<TrueNed>(&other).0, by_radii(&d, &other));
+            let exact = d.to::<TrueNed>(&other).0;
+            let radii = by_radii(&d, &other);
             assert!((exact - radii).norm() < 2e-3, "{d:?} {exact} {radii}");
         }
     }
@@ -247,7 +253,8 @@ mod tests {
             distance in 0.0..5e3_f64,
             course in 0.0..TAU,
         ) {
-            let (ours, step) = (PLACES[k], 10.0);
+            let ours = PLACES[k];
+            let step = 10.0;
             let theirs = ours.at(&Vector::<TrueNed>::new(distance * bearing.cos(), distance * bearing.sin(), 3.0));
             let ahead = theirs.at(&Vector::<TrueNed>::new(step * course.cos(), step * course.sin(), 0.0));
             let moved = ours.to::<TrueNed>(&ahead).0 - ours.to::<TrueNed>(&theirs).0;

@@ -50,7 +50,8 @@ fn coarse(latitude: f64, longitude: f64) -> f64 {
     let corner = |v: f64| (v / COARSE_DEG).floor() * COARSE_DEG;
     let south = corner(latitude).clamp(-90.0, 90.0 - COARSE_DEG);
     let west = corner(longitude);
-    let (u, v) = ((latitude - south) / COARSE_DEG, (longitude - west) / COARSE_DEG);
+    let u = (latitude - south) / COARSE_DEG;
+    let v = (longitude - west) / COARSE_DEG;
     let row = |at: f64| {
         let node = egm96::egm96_compute_altitude_offset;
         (1.0 - v) * node(at, west) + v * node(at, west + COARSE_DEG)

@@ -49,13 +49,12 @@ impl LineBuffer {
     }
     /// Ends the present line, if any.
     pub fn end(&mut self) -> Option<Cut> {
-        let (line, overlong) = (
-            core::mem::take(&mut self.line),
-            core::mem::take(&mut self.overlong),
-        );
-        match overlong {
-            true => Some(Cut::Overlong),
-            false => (!line.is_empty()).then_some(Cut::Line(line)),
+        let line = core::mem::take(&mut self.line);
+        let overlong = core::mem::take(&mut self.overlong);
+        if overlong {
+            Some(Cut::Overlong)
+        } else {
+            (!line.is_empty()).then_some(Cut::Line(line))
         }
     }
     /// Returns the lines that these bytes complete, and counts overlong ones.

@@ -328,10 +328,9 @@ impl Dialect for Bytes {
         Ok(Outgoing::new(id, self.0, payload.to_vec()))
     }
     fn encode(&self, _: MavlinkVersion, message: &Outgoing, payload: &mut [u8]) -> Result<usize, Infallible> {
-        payload
-            .iter_mut()
-            .zip(&message.payload)
-            .for_each(|(to, b)| *to = *b);
+        for (to, b) in payload.iter_mut().zip(&message.payload) {
+            *to = *b;
+        }
         Ok(message.payload.len().min(payload.len()))
     }
 }
@@ -339,7 +338,8 @@ impl Dialect for Bytes {
 /// Bytes of a frame, signed if a key is set; empty for a message number unknown to MAVLink.
 pub fn encode(from: MavlinkSender, message: impl Into<Outgoing>, signing: Option<&Signing>) -> Vec<u8> {
     let message = message.into();
-    let (mut raw, dialect) = (MAVLinkV2MessageRaw::new(), Bytes(message.crc));
+    let mut raw = MAVLinkV2MessageRaw::new();
+    let dialect = Bytes(message.crc);
     let encoded = match signing {
         Some(_) => raw.serialize_message_with_dialect_for_signing(from.into(), &dialect, &message),
         None => raw.serialize_message_with_dialect(from.into(), &dialect, &message),

@@ -91,7 +91,8 @@ pub fn base_place(frame: &[u8]) -> Option<Datum> {
 
 /// Consecutive whole frames, each with its number; None if there are other bytes in between.
 pub fn frames(bytes: &[u8]) -> Option<Vec<(RtcmNumber, &[u8])>> {
-    let (mut all, mut rest) = (Vec::new(), bytes);
+    let mut all = Vec::new();
+    let mut rest = bytes;
     while !rest.is_empty() {
         let length = MessageFrame::new(rest).ok()?.frame_len();
         let (frame, after) = rest.split_at_checked(length)?;
@@ -205,7 +206,8 @@ mod tests {
             let frames: Vec<_> = payloads.iter().map(|p| frame(p)).collect();
             let stream: Vec<u8> = frames.iter().flat_map(|f| between.iter().chain(f)).copied().collect();
             let mut decoder = RtcmDecoder::default();
-            let (mut all, mut others) = (Vec::new(), Vec::new());
+            let mut all = Vec::new();
+            let mut others = Vec::new();
             for chunk in stream.chunks(part) {
                 decoder.split(chunk, |_, f| all.push(f.to_vec()), |bytes| others.extend_from_slice(bytes));
             }

@@ -339,9 +339,9 @@ pub struct Field {
 pub fn fields(schema: &Schema) -> Vec<Field> {
     let mut found = Vec::new();
     if let Some(SchemaKind::Struct(content)) = schema.as_object().map(SchemaKind::of) {
-        content
-            .into_iter()
-            .for_each(|(name, field)| add(name, field, &mut found));
+        for (name, field) in content {
+            add(name, field, &mut found);
+        }
     }
     found
 }
@@ -374,9 +374,9 @@ fn add(path: &str, schema: &Object, found: &mut Vec<Field>) {
         | SchemaKind::Unknown => (kind, path.to_owned()),
     };
     if let SchemaKind::Struct(content) = inner {
-        content
-            .into_iter()
-            .for_each(|(name, field)| add(&format!("{path}.{name}"), field, found));
+        for (name, field) in content {
+            add(&format!("{path}.{name}"), field, found);
+        }
     }
 }
 

@@ -139,7 +139,8 @@ pub fn suggested(length_m: f64, width_m: f64) -> Tags {
     }
     // Rounded to the millimetre, as printed.
     let mm = |v: f64| ((1e3 * v.abs() + 1e-6).round() / 1e3).copysign(v) + 0.0;
-    let (fore, aside) = (inner[0] + 0.5 * MARGIN * large, inner[1] + 0.5 * MARGIN * middle);
+    let fore = inner[0] + 0.5 * MARGIN * large;
+    let aside = inner[1] + 0.5 * MARGIN * middle;
     let far = [
         (large, fore, 0.0),
         (large, -fore, 0.0),

@@ -124,6 +124,13 @@ impl fmt::Display for Span {
     }
 }
 
+/// Time on the clock of the drone's computer.
+pub type DroneTime = Time<DroneClock>;
+/// Time on the clock of the vessel's computer.
+pub type VesselTime = Time<VesselClock>;
+/// True time: that of the simulated world.
+pub type WorldTime = Time<TrueTime>;
+
 /// Time on clock `C` in nanoseconds since that clock's own epoch.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[repr(transparent)]

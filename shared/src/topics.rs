@@ -324,24 +324,30 @@ mod tests {
                 }
             }
             SchemaKind::Array(items, n) => {
-                (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
+                for k in 0..n {
+                    read(&format!("{path}[{k}]"), items, bytes, out);
+                }
             }
             SchemaKind::List(items, most) => {
                 let n = integer(bytes, 8);
                 assert!(n <= most, "{path}: {n} of {most}");
-                (0..n).for_each(|k| read(&format!("{path}[{k}]"), items, bytes, out));
+                for k in 0..n {
+                    read(&format!("{path}[{k}]"), items, bytes, out);
+                }
             }
             SchemaKind::Struct(content) => {
-                content
-                    .iter()
-                    .for_each(|(name, s)| read(&format!("{path}.{name}"), s, bytes, out));
+                for (name, s) in &content {
+                    read(&format!("{path}.{name}"), s, bytes, out);
+                }
             }
             other => panic!("{path}: {other:?}"),
         }
     }
     fn decoded(topic: &Topic, message: &impl Serialize) -> BTreeMap<String, f64> {
-        let (bytes, mut out) = (wire::encode(message).unwrap(), BTreeMap::new());
-        let (schema, mut left) = ((topic.schema)(), bytes.as_slice());
+        let bytes = wire::encode(message).unwrap();
+        let mut out = BTreeMap::new();
+        let schema = (topic.schema)();
+        let mut left = bytes.as_slice();
         read("", schema.as_object().unwrap(), &mut left, &mut out);
         assert!(left.is_empty(), "{}: {} bytes left over", topic.name, left.len());
         out
@@ -584,7 +590,8 @@ mod tests {
 
     #[test]
     fn vessel_report_on_the_radio() {
-        let (radio, memory) = (VESSEL_PROCESS.described(), PROCESS.described());
+        let radio = VESSEL_PROCESS.described();
+        let memory = PROCESS.described();
         assert_eq!(
             (&radio["topic"], &radio["medium"], &radio["max_bytes"]),
             (&json!("process"), &json!("radio"), &json!(wire::MAX_WIRE_BYTES))

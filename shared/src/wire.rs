@@ -1,6 +1,7 @@
 //! Wire format of the radio: bincode 2, little endian, fixed-width integers, at most [`MAX_WIRE_BYTES`]. No
 //! other module uses bincode.
 
+use bincode::config::Config;
 use serde::{Serialize, de::DeserializeOwned};
 use thiserror::Error;
 use xxhash_rust::xxh3::Xxh3Default;
@@ -49,7 +50,7 @@ pub enum WireError {
     },
 }
 
-fn config() -> impl bincode::config::Config {
+fn config() -> impl Config {
     bincode::config::standard()
         .with_little_endian()
         .with_fixed_int_encoding()
@@ -59,7 +60,7 @@ fn config() -> impl bincode::config::Config {
 /// Maximum length of a record of a process's inputs or outputs: two images of 1920 x 1080 px.
 pub const MAX_RECORD_BYTES: usize = 4 << 20;
 
-fn record_config() -> impl bincode::config::Config {
+fn record_config() -> impl Config {
     bincode::config::standard()
         .with_little_endian()
         .with_fixed_int_encoding()
@@ -68,24 +69,12 @@ fn record_config() -> impl bincode::config::Config {
 
 /// Encodes a record for a local log, up to [`MAX_RECORD_BYTES`].
 pub fn encode_record<T: Serialize>(record: &T) -> Result<Vec<u8>, WireError> {
-    bincode::serde::encode_to_vec(record, record_config()).map_err(|source| WireError::Encode {
-        name: short_name::<T>(),
-        source,
-    })
+    encode_with(record, record_config())
 }
 
 /// Decodes a log record; all bytes must be consumed.
 pub fn decode_record<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
-    let (name, got) = (short_name::<T>(), bytes.len());
-    if got > MAX_RECORD_BYTES {
-        return Err(WireError::Oversized { name, got });
-    }
-    let (record, used) = bincode::serde::decode_from_slice(bytes, record_config())
-        .map_err(|source| WireError::Malformed { name, got, source })?;
-    match got - used {
-        0 => Ok(record),
-        left => Err(WireError::Trailing { name, got, left }),
-    }
+    decode_with(bytes, record_config(), MAX_RECORD_BYTES)
 }
 
 /// Hash of a value's record (XXH3); different records have the same hash with probability 1/2^64.
@@ -114,19 +103,28 @@ pub fn append_record<T: Serialize>(to: &mut impl std::io::Write, record: &T) -> 
 
 /// Encodes a message as a radio payload.
 pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
-    bincode::serde::encode_to_vec(message, config()).map_err(|source| WireError::Encode {
+    encode_with(message, config())
+}
+
+/// Decodes a message; all bytes must be consumed.
+pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
+    decode_with(bytes, config(), MAX_WIRE_BYTES)
+}
+
+fn encode_with<T: Serialize>(message: &T, config: impl Config) -> Result<Vec<u8>, WireError> {
+    bincode::serde::encode_to_vec(message, config).map_err(|source| WireError::Encode {
         name: short_name::<T>(),
         source,
     })
 }
 
-/// Decodes a message; all bytes must be consumed.
-pub fn decode<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, WireError> {
-    let (name, got) = (short_name::<T>(), bytes.len());
-    if got > MAX_WIRE_BYTES {
+fn decode_with<T: DeserializeOwned>(bytes: &[u8], config: impl Config, most: usize) -> Result<T, WireError> {
+    let name = short_name::<T>();
+    let got = bytes.len();
+    if got > most {
         return Err(WireError::Oversized { name, got });
     }
-    let (message, used) = bincode::serde::decode_from_slice(bytes, config())
+    let (message, used) = bincode::serde::decode_from_slice(bytes, config)
         .map_err(|source| WireError::Malformed { name, got, source })?;
     match got - used {
         0 => Ok(message),
@@ -152,14 +150,12 @@ mod tests {
     fn estimate() -> VesselEstimate<VesselClock> {
         VesselEstimate {
             header: crate::msg::Header::new(1, 0, 7, 3, crate::time::Time::from_secs(1.5)),
-            datum: Default::default(),
             eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
             eta_dot: [0.5; 6],
             eta_ddot: [f16::from_f32(0.25); 6],
             uncertainty: [[f16::ONE, f16::ONE, f16::ZERO]; 6],
             deck_centre: [0.0, 0.0, -1.3],
-            mean_velocity: [0.0; 2],
-            mean_heading: [0.0; 2],
+            ..VesselEstimate::default()
         }
     }
 

@@ -1,7 +1,7 @@
 use super::*;
 use alight_shared::msg::{WaveMode, WaveModel, WaveSender, WaveUpdate};
 
-fn waves(sequence: u32, at: Time<VesselClock>) -> WaveModel<VesselClock> {
+fn waves(sequence: u32, at: VesselTime) -> WaveModel<VesselClock> {
     WaveModel {
         header: Header::new(1, 0, 1, sequence, at),
         significant_height_m: 1.0,
@@ -17,7 +17,7 @@ fn waves(sequence: u32, at: Time<VesselClock>) -> WaveModel<VesselClock> {
 
 #[test]
 fn bridge_wave_model_and_prediction() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let wave = waves(3, vessel(now - 0.1));
     let prediction = VesselPrediction::<VesselClock> {
         header: Header::new(1, 0, 1, 0, vessel(now - 0.1)),
@@ -49,7 +49,7 @@ fn bridge_wave_model_and_prediction() {
 /// A joining drone receives a continuation before the whole model that it asked for.
 #[test]
 fn base_of_a_wave_model_behind_its_continuation() {
-    let (mut b, now) = converged(0.05, 0.05, 5);
+    let (mut b, now) = converged(5);
     let mut sender = WaveSender::default();
     let [base, first, second] = [0, 1, 2].map(|k| {
         let update = sender.update(&waves(k, vessel(now + 0.1 * f64::from(k))));

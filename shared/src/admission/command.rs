@@ -135,7 +135,8 @@ impl<C: Clock> CommandAdmission<C> {
         self.answer(command);
         if abort {
             // The abort replaces the acknowledgement of the order that it stops.
-            (self.abort, self.order) = (Some(header), None);
+            self.abort = Some(header);
+            self.order = None;
         }
         Ok(())
     }
@@ -155,7 +156,8 @@ impl<C: Clock> CommandAdmission<C> {
                 // A late abort is dated by its arrival, so its repetitions are older.
                 let repeated = same_time(a) || h.boot == a.boot && h.at <= a.at;
                 if repeated {
-                    (a.boot, a.sequence) = (h.boot, h.sequence);
+                    a.boot = h.boot;
+                    a.sequence = h.sequence;
                 }
                 repeated
             }

@@ -107,7 +107,7 @@ impl<T: Message + Copy> Latest<T> {
 mod tests {
     use super::*;
     use crate::msg::RangeSample;
-    use crate::time::DroneClock;
+    use crate::time::DroneTime;
 
     fn sample(at_ms: i64, boot: u32, sequence: u32) -> RangeSample {
         RangeSample {
@@ -119,7 +119,7 @@ mod tests {
 
     #[test]
     fn latest_newer_valid_messages() {
-        let now = Time::<DroneClock>::from_secs(1.0);
+        let now = DroneTime::from_secs(1.0);
         let mut latest = Latest::default();
         assert!(latest.offer(now, &sample(900, 1, 5)));
         assert!(latest.offer(now, &sample(1050, 1, 4)), "within the lead");
@@ -149,7 +149,7 @@ mod tests {
             lead: Span::from_millis(20),
             max_age: Span::from_millis(500),
         };
-        let now = Time::<DroneClock>::from_secs(1.0);
+        let now = DroneTime::from_secs(1.0);
         let mut latest = Latest::default();
         for (at_ms, taken) in [
             (499, false),

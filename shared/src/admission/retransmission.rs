@@ -51,11 +51,11 @@ impl<S: Clock> Retransmission<S, Command> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::time::{DroneClock, Span};
+    use crate::time::{DroneTime, Span};
 
     #[test]
     fn repetitions_until_the_timeout() {
-        let at = |ms: i64| Time::<DroneClock>::from_nanos(ms * 1_000_000);
+        let at = |ms: i64| DroneTime::from_nanos(ms * 1_000_000);
         let [period, timeout] = [500, 1900].map(Span::from_millis);
         let mut r = Retransmission::new(7, at(1000), Retries { period, timeout });
         let sent: Vec<i64> = (1000..5000)

@@ -25,7 +25,8 @@ impl Sender {
     /// Publisher of a message on this key.
     pub fn of_key(key: &str) -> Sender {
         let mut chunks = key.split('/');
-        let (root, name) = (chunks.next(), chunks.next().unwrap_or_default());
+        let root = chunks.next();
+        let name = chunks.next().unwrap_or_default();
         let (kind, digits) = name.split_once('-').unwrap_or_default();
         // Only the canonical spelling of a number is accepted, without sign or leading zeros.
         let number = digits.parse().ok().filter(|n: &u32| n.to_string() == digits);

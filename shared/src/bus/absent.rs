@@ -45,7 +45,9 @@ impl<W: Wake> Wake for Option<W> {
 }
 impl<M, W: Writer<M>> Writer<M> for Option<W> {
     fn send(&mut self, message: &M) {
-        self.iter_mut().for_each(|w| w.send(message));
+        if let Some(w) = self {
+            w.send(message);
+        }
     }
     fn unsent(&self) -> u64 {
         self.as_ref().map_or(0, W::unsent)

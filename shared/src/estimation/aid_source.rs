@@ -28,7 +28,8 @@ impl<C: Clock> AidSource<C> {
         self.innovation = innovation;
         if fused {
             self.fused_at = self.fused_at.max(Some(at));
-            (self.rejections, self.run) = (0, None);
+            self.rejections = 0;
+            self.run = None;
             return;
         }
         self.rejections = self.rejections.saturating_add(1);

@@ -197,14 +197,18 @@ fn multiply_rows(a: &LinearTransition, p: &DMatrix<f64>, out: &mut DMatrix<f64>)
             Some((v, column)) => to.iter_mut().zip(column).for_each(|(t, p)| *t = v * p),
             None => to.fill(0.0),
         }
-        terms.for_each(|(v, column)| add_scaled(to, v, column));
+        for (v, column) in terms {
+            add_scaled(to, v, column);
+        }
     }
 }
 
 /// `to += f column`, on slices for vectorisation.
 #[inline]
 fn add_scaled(to: &mut [f64], f: f64, column: &[f64]) {
-    to.iter_mut().zip(column).for_each(|(t, c)| *t += f * c);
+    for (t, c) in to.iter_mut().zip(column) {
+        *t += f * c;
+    }
 }
 
 /// Replaces `p` by `(p + p') / 2`.
@@ -262,7 +266,8 @@ mod tests {
             vec![(2, 2.0)],
             vec![(1, 0.3), (4, 1.0)],
         ];
-        let (r, z) = ([0.5, 0.2, 1.5], [0.3, -0.4, 1.0]);
+        let r = [0.5, 0.2, 1.5];
+        let z = [0.3, -0.4, 1.0];
         let h = DMatrix::from_fn(3, n, |i, j| {
             rows[i].iter().find(|e| e.0 == j).map_or(0.0, |e| e.1)
         });
@@ -272,7 +277,8 @@ mod tests {
         let expected_p = (&pi + h.transpose() * &ri * &h).try_inverse().unwrap();
         let expected_x = &expected_p * (&pi * &x + h.transpose() * &ri * DVector::from_row_slice(&z));
         let mut g = Gaussian::new(&[0.0; 5]);
-        (g.x, g.p) = (x, p);
+        g.x = x;
+        g.p = p;
         for i in 0..3 {
             fuse(&mut g, &rows[i], z[i], r[i]);
         }
@@ -285,10 +291,12 @@ mod tests {
         let mut noise = Noise(3);
         let n = 7;
         let a = DMatrix::from_fn(n, n, |i, j| if (i + 2 * j) % 3 == 0 { noise.next() } else { 0.0 });
-        let (p, q) = (spd(n, &mut noise), spd(n, &mut noise));
+        let p = spd(n, &mut noise);
+        let q = spd(n, &mut noise);
         let x = DVector::from_fn(n, |_, _| noise.next());
         let mut g = Gaussian::new(&[0.0; 7]);
-        (g.x, g.p) = (x.clone(), p.clone());
+        g.x = x.clone();
+        g.p = p.clone();
         g.predict(&LinearTransition::from_dense(&a), &q);
         assert!((&g.x - &a * x).norm() < 1e-12);
         assert!((&g.p - (&a * p * a.transpose() + q)).norm() < 1e-10);
@@ -297,7 +305,9 @@ mod tests {
     #[test]
     fn nees_and_nis_on_a_simulated_system() {
         // Constant velocity with white acceleration, position measured.
-        let (dt, q, r) = (0.1, 0.5_f64, 0.04_f64);
+        let dt = 0.1;
+        let q = 0.5_f64;
+        let r = 0.04_f64;
         let a = DMatrix::from_row_slice(2, 2, &[1.0, dt, 0.0, 1.0]);
         let qd = DMatrix::from_row_slice(
             2,
@@ -312,7 +322,9 @@ mod tests {
         let l = qd.clone().cholesky().unwrap().l();
         let t = LinearTransition::from_dense(&a);
         let mut noise = Noise(42);
-        let (mut nees, mut nis, mut count) = (0.0, 0.0, 0);
+        let mut nees = 0.0;
+        let mut nis = 0.0;
+        let mut count = 0;
         for _ in 0..50 {
             let mut truth = DVector::from_row_slice(&[noise.next(), noise.next()]);
             let mut g = Gaussian::new(&[1.0, 1.0]);
@@ -326,7 +338,8 @@ mod tests {
                 count += 1;
             }
         }
-        let (nees, nis) = (nees / f64::from(count), nis / f64::from(count));
+        let nees = nees / f64::from(count);
+        let nis = nis / f64::from(count);
         assert!((nees - 2.0).abs() < 0.12, "NEES {nees}");
         assert!((nis - 1.0).abs() < 0.05, "NIS {nis}");
     }

@@ -67,7 +67,8 @@ pub fn inside(mean: f64, sd: f64, radius: f64) -> f64 {
     let [middle, half] = [0.5 * (low + high), 0.5 * (high - low)];
     let part = |node: f64| {
         let (sin, cos) = (middle + half * node).sin_cos();
-        let (u, across) = ((radius * sin - mean) / sd, radius * cos / sd);
+        let u = (radius * sin - mean) / sd;
+        let across = radius * cos / sd;
         (-0.5 * u * u).exp() * erf(across * FRAC_1_SQRT_2) * across
     };
     let sum: f64 = NODES.iter().map(|[x, w]| w * (part(*x) + part(-*x))).sum();

@@ -131,7 +131,8 @@ pub fn needed_hold_n(
         Staying::of(slopes, &support).probability >= probability
     };
     // The probability increases with the force: bisect.
-    let (mut small, mut enough) = (0, MAX_HOLD_N);
+    let mut small = 0;
+    let mut enough = MAX_HOLD_N;
     if stays(small) {
         return Some(0.0);
     }
@@ -310,7 +311,8 @@ impl Slopes {
     }
     /// Displacement by the waves until the drone is at rest, north and east, and its standard deviation, m.
     fn until_rest(&self, friction: f64) -> (Vector2<f64>, f64) {
-        let (mut moved, mut variance) = (Vector2::zeros(), 0.0);
+        let mut moved = Vector2::zeros();
+        let mut variance = 0.0;
         if self.predicted.is_empty() {
             // Without identified waves, the next wave group is assumed to be like the last.
             let (mean, sd) = match self.measured.as_slice() {
@@ -371,7 +373,8 @@ impl Slopes {
             self.waves
                 .moves((slope + k * sd).clamp(0.0, f64::INFINITY), push, friction)
         };
-        let (mut mean, mut square) = (0.0, 0.0);
+        let mut mean = 0.0;
+        let mut square = 0.0;
         for (k, weight) in NODES {
             let by = moves(k);
             mean += weight * by;
@@ -388,7 +391,8 @@ impl Slopes {
     /// Displacement along the bias by the waves of the following minute, and its standard deviation, m.
     fn after(&self, friction: f64) -> (f64, f64) {
         let windows = STAY_S / SLOPE_WINDOW_S / self.measured.len().max(1) as f64;
-        let (mut mean, mut square) = (0.0, 0.0);
+        let mut mean = 0.0;
+        let mut square = 0.0;
         let bias = self.bias.norm();
         for s in &self.measured {
             let [on, back] = [bias, -bias].map(|b| {
@@ -412,7 +416,8 @@ fn strong(wind: &WindPush) -> WindPush {
 
 /// Mean of a function of a standard normal variable.
 fn over_gusts(value: impl Fn(f64) -> f64) -> f64 {
-    let (mut sum, mut weights) = (0.0, 0.0);
+    let mut sum = 0.0;
+    let mut weights = 0.0;
     for k in -GUSTS..=GUSTS {
         let sds = GUST_STEP * f64::from(k);
         let weight = (-0.5 * sds * sds).exp();

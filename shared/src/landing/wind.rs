@@ -106,7 +106,8 @@ mod tests {
 
     #[test]
     fn gust_of_now_that_is_forgotten() {
-        let (mean, now) = (Vector2::new(0.0, 3.0), Vector2::new(1.0, 1.0));
+        let mean = Vector2::new(0.0, 3.0);
+        let now = Vector2::new(1.0, 1.0);
         let wind = WindPush { mean, gust_sd: 0.8 };
         let [at_once, late] = [0.0, 30.0].map(|s| wind.after(&now, s));
         assert!((at_once.mean - now).norm() < 1e-9 && at_once.gust_sd < 1e-9);

@@ -139,11 +139,9 @@ impl Signing {
         let mut times = self.times.lock().unwrap_or_else(PoisonError::into_inner);
         times.latest = times.latest.max((self.clock)());
         let bytes = times.latest.to_le_bytes();
-        frame
-            .signature_timestamp_bytes_mut()
-            .iter_mut()
-            .zip(bytes)
-            .for_each(|(to, byte)| *to = byte);
+        for (to, byte) in frame.signature_timestamp_bytes_mut().iter_mut().zip(bytes) {
+            *to = byte;
+        }
         times.latest += 1;
         *frame.signature_link_id_mut() = 0;
         let mut signature = [0; 6];
@@ -257,7 +255,9 @@ mod tests {
     /// Frames accepted on a link with this key, and counts of the others.
     fn taken(signing: Option<Signing>, frames: &[Vec<u8>]) -> (usize, Signatures) {
         let mut reader = FrameReader::signed(signing);
-        frames.iter().for_each(|bytes| reader.push(bytes));
+        for bytes in frames {
+            reader.push(bytes);
+        }
         let taken = core::iter::from_fn(|| reader.next_frame()).count();
         (taken, reader.signatures())
     }
@@ -313,7 +313,8 @@ mod tests {
     /// A computer whose clock is behind stamps its frames later than those it has received.
     #[test]
     fn timestamp_after_the_latest_received() {
-        let (autopilot, ours) = (Signing::new([1; 32]), Signing::new([1; 32]));
+        let autopilot = Signing::new([1; 32]);
+        let ours = Signing::new([1; 32]);
         let mut ahead = MAVLinkV2MessageRaw::new();
         let message = Outgoing::new(0, 50, vec![3; 9]);
         ahead
@@ -370,7 +371,9 @@ mod tests {
             if whenever {
                 reader = reader.whenever(|m| matches!(m, MavMessage::HEARTBEAT(_)));
             }
-            frames.iter().for_each(|bytes| reader.push(bytes));
+            for bytes in &frames {
+                reader.push(bytes);
+            }
             core::iter::from_fn(|| reader.next_frame()).count()
         };
         assert_eq!([count(false), count(true)], [1, 2]);

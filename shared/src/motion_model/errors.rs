@@ -115,13 +115,15 @@ impl<const N: usize, C: Clock> MeasuredErrors<N, C> {
 
 /// Linear interpolation at `ahead` s: zero at 0 s, `knots` at [`SPREAD_AT_S`], then constant.
 fn between<const N: usize>(knots: &[[f64; N]; SPREAD_AT_S.len()], ahead: f64) -> [f64; N] {
-    let (mut before, mut from) = ([0.0; N], 0.0);
+    let mut before = [0.0; N];
+    let mut from = 0.0;
     for (&knot, to) in knots.iter().zip(SPREAD_AT_S) {
         if ahead <= to {
             let f = ((ahead - from) / (to - from)).clamp(0.0, 1.0);
             return core::array::from_fn(|d| before[d] + f * (knot[d] - before[d]));
         }
-        (before, from) = (knot, to);
+        before = knot;
+        from = to;
     }
     before
 }

@@ -63,9 +63,11 @@ impl<C: Clock> MotionSample<C> {
     fn turned(&self, angle: f64) -> MotionSample<C> {
         let turn = |v| turned(v, angle);
         let [north, east, heave, about_north, about_east, yaw] = self.value;
-        let ([x, y], [roll, pitch]) = (turn([north, east]), turn([about_north, about_east]));
+        let [x, y] = turn([north, east]);
+        let [roll, pitch] = turn([about_north, about_east]);
         let [sinks, dn, de, an, ae] = self.rate;
-        let ([dr, dp], [ax, ay]) = (turn([dn, de]), turn([an, ae]));
+        let [dr, dp] = turn([dn, de]);
+        let [ax, ay] = turn([an, ae]);
         MotionSample {
             value: [x, y, heave, roll, pitch, yaw],
             rate: [sinks, dr, dp, ax, ay],
@@ -135,7 +137,8 @@ impl<C: Clock> MotionModel<C> {
         self.mix(&sample);
         self.follow_heel(&sample);
         // The drone propagates the modes about the mean in the same way.
-        let (mean_tilt, modes) = (self.mean_tilt(sample.mean_heading), self.modes.as_ref());
+        let mean_tilt = self.mean_tilt(sample.mean_heading);
+        let modes = self.modes.as_ref();
         let modal = |ahead| modes.map_or_else(Motion::default, |m| m.motion(ahead));
         self.errors
             .push(sample.at, |ahead| about(mean_tilt, modal(ahead)));
@@ -157,10 +160,12 @@ impl<C: Clock> MotionModel<C> {
         self.apart = Default::default();
         let modes = match (earth.modes(), vessel.modes()) {
             (Some(a), Some(b)) => {
-                let (of_a, of_b) = (earth.weights(), vessel.weights());
+                let of_a = earth.weights();
+                let of_b = vessel.weights();
                 let weight: [f64; DOFS] = core::array::from_fn(|d| of_a[d] / (of_a[d] + of_b[d]));
                 for (apart, ahead) in self.apart.iter_mut().zip(SPREAD_AT_S) {
-                    let (p, q) = (a.values(ahead), b.values(ahead));
+                    let p = a.values(ahead);
+                    let q = b.values(ahead);
                     let both = |d: usize| (weight[d] * (1.0 - weight[d])).sqrt();
                     *apart = core::array::from_fn(|d| both(d) * (p[d] - q[d]).abs());
                 }
@@ -216,7 +221,8 @@ impl<C: Clock> MotionModel<C> {
         let mut out = self.modal_motion(t);
         let Some(newest) = &self.newest else { return out };
         let now = self.modal_motion(0.0);
-        let (tilt, heel) = (left_of_tilt(newest, &now), self.heel(newest.mean_heading));
+        let tilt = left_of_tilt(newest, &now);
+        let heel = self.heel(newest.mean_heading);
         let rest = fading(|d| match d {
             HEAVE => newest.value[HEAVE] - now[HEAVE][0],
             ROLL => tilt[0] - heel[0],
@@ -242,7 +248,8 @@ impl<C: Clock> MotionModel<C> {
         if !self.is_identified() {
             return 0.0;
         }
-        let (deviation, spread) = (self.deviation(), self.spread(1.0));
+        let deviation = self.deviation();
+        let spread = self.spread(1.0);
         let left: f64 = OBSERVED
             .iter()
             .map(|&d| (spread[d] / deviation[d].max(1e-9)).powi(2).min(1.0))

@@ -207,13 +207,12 @@ impl Fit {
             .llt(Side::Lower)
             .ok()?
             .solve(x.subrows(0, CHANNELS).transpose());
-        let (shorter, later) = (
-            observe.subrows(0, OUTPUTS - DOFS),
-            observe.subrows(DOFS, OUTPUTS - DOFS),
-        );
+        let shorter = observe.subrows(0, OUTPUTS - DOFS);
+        let later = observe.subrows(DOFS, OUTPUTS - DOFS);
         let transition = shorter.qr().solve_lstsq(later.to_owned());
         let eigen = transition.eigen().ok()?;
-        let (vectors, values) = (eigen.U(), eigen.S());
+        let vectors = eigen.U();
+        let values = eigen.S();
         let directions = Mat::<c64>::from_fn(ORDER, ORDER, |i, j| vectors[(i, j)]);
         let inverse = directions
             .partial_piv_lu()
@@ -221,7 +220,8 @@ impl Fit {
         let mut modes: Vec<(f64, ModeFit)> = Vec::with_capacity(ORDER);
         for k in 0..ORDER {
             let value = values[k];
-            let (size, angle) = (value.re.hypot(value.im), value.im.atan2(value.re));
+            let size = value.re.hypot(value.im);
+            let angle = value.im.atan2(value.re);
             // Keeps one of each conjugate pair. A negative real eigenvalue oscillates at half the sampling rate and is not
             // a motion. A mode that decays within a step is noise: negligible in position, but not in velocity.
             if !(size > DEAD) || !(0.0..=3.1).contains(&angle) {
@@ -245,7 +245,8 @@ impl Fit {
             }
             // Excitation by the past: row k of the inverse times the rows of the state.
             let row: [c64; ORDER] = core::array::from_fn(|m| inverse[(k, m)]);
-            let (mut real, mut imaginary) = (DVector::zeros(INPUTS), DVector::zeros(INPUTS));
+            let mut real = DVector::zeros(INPUTS);
+            let mut imaginary = DVector::zeros(INPUTS);
             for (m, v) in row.iter().enumerate() {
                 for (i, x) in state.col_as_slice(m).iter().enumerate() {
                     real[i] += v.re * x;
@@ -276,7 +277,8 @@ impl Fit {
         output: impl Fn(usize) -> Complex<f64>,
     ) -> [Complex<f64>; DOFS] {
         core::array::from_fn(|d| {
-            let (mut sum, mut squares) = (Complex::<f64>::default(), 0.0);
+            let mut sum = Complex::<f64>::default();
+            let mut squares = 0.0;
             let mut add = |gain: Complex<f64>, response: Complex<f64>| {
                 sum += gain.conj() * response;
                 squares += gain.norm_sqr();

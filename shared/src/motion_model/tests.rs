@@ -12,7 +12,8 @@ use crate::wire::encode;
 
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, ordered as a sample's value, and rates.
 fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
-    let (mut value, mut rate) = ([0.0; DOFS], [0.0; 5]);
+    let mut value = [0.0; DOFS];
+    let mut rate = [0.0; 5];
     value[ROLL] = 0.05;
     for (omega, heave, tilt, phase) in [
         (1.15, 0.4, 0.03, 0.2),
@@ -37,10 +38,13 @@ fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {
 /// waves either roll the vessel about its own axes or tilt the water in a fixed direction.
 fn error_on_a_square(turns_with_vessel: bool) -> f64 {
     let mut model = MotionModel::<VesselClock>::default();
-    let (mut waiting, mut squares, mut motion) = (std::collections::VecDeque::new(), 0.0, 0.0);
+    let mut waiting = std::collections::VecDeque::new();
+    let mut squares = 0.0;
+    let mut motion = 0.0;
     for k in 0..3000 {
         let t = SAMPLE_S * f64::from(k);
-        let (leg, since) = ((t / 25.0).floor(), t % 25.0);
+        let leg = (t / 25.0).floor();
+        let since = t % 25.0;
         let heading = core::f64::consts::FRAC_PI_2 * (leg + (since / 8.0).min(1.0));
         let axes = if turns_with_vessel { heading } else { 0.0 };
         let (tilt, rate) = [(1.15, 0.04), (1.7, 0.03), (2.4, 0.02)]
@@ -88,7 +92,9 @@ fn motion_model_of_both_hulls_in_turns() {
 fn error_with_heel(heel: f64) -> (f64, f64) {
     let mut rng = ChaCha8Rng::seed_from_u64(2);
     let mut model = MotionModel::<VesselClock>::default();
-    let (mut waiting, mut squares, mut apart) = (std::collections::VecDeque::new(), 0.0, 0.0_f64);
+    let mut waiting = std::collections::VecDeque::new();
+    let mut squares = 0.0;
+    let mut apart = 0.0_f64;
     for k in 0..2400 {
         let t = SAMPLE_S * f64::from(k);
         let (mut value, rate) = waves(t);
@@ -207,8 +213,11 @@ fn wave_models_over_the_radio() {
     let mut noisy =
         |v: f64| v + 0.003 * <StandardNormal as Distribution<f64>>::sample(&StandardNormal, &mut rng);
     let mut model = MotionModel::<VesselClock>::default();
-    let (mut sender, mut receiver) = (WaveSender::default(), UpdateReceiver::default());
-    let (mut sizes, mut whole, mut worst) = (Vec::new(), 0, 0.0_f64);
+    let mut sender = WaveSender::default();
+    let mut receiver = UpdateReceiver::default();
+    let mut sizes = Vec::new();
+    let mut whole = 0;
+    let mut worst = 0.0_f64;
     for k in 0..1800 {
         let t = SAMPLE_S * f64::from(k);
         let (value, rate) = waves(t);
@@ -237,7 +246,8 @@ fn wave_models_over_the_radio() {
         whole += u32::from(!update.modes.is_empty());
         let received = Modes::from(&receiver.waves(&update).unwrap());
         for ahead in [0.0, 1.0, 2.0] {
-            let (a, b) = (received.motion(ahead), modes.motion(ahead));
+            let a = received.motion(ahead);
+            let b = modes.motion(ahead);
             for (dof, of) in [(HEAVE, 0.5), (ROLL, 0.06), (PITCH, 0.06)] {
                 worst = worst.max((a[dof][0] - b[dof][0]).abs() / of);
             }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DeckDimensions, Header, Line, MAX_DEVICES, Seq, Text};
 use crate::process::ProcessKind;
-use crate::time::{SteadyClock, Time, VesselClock};
+use crate::time::{SteadyClock, VesselTime};
 
 /// Maximum number of processes on one computer.
 pub const MAX_PROCESSES: usize = 16;
@@ -97,7 +97,7 @@ impl CertificateState {
 #[repr(C)]
 pub struct VesselReport {
     /// The vessel's clock at the time of the report.
-    pub clock: Time<VesselClock>,
+    pub clock: VesselTime,
     /// Endpoints on which the radio listens.
     pub listen: Names<MAX_ENDPOINTS>,
     /// Endpoints to which the radio connects.

@@ -10,7 +10,7 @@ use super::{
     ReasonCode, RelativeState, SLOPE_WINDOWS, Seq, VesselLevel, deviations, positive, within,
 };
 use crate::surroundings::Surroundings;
-use crate::time::{DroneClock, Span};
+use crate::time::{DroneClock, DroneTime, Span};
 
 /// Number of stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;
@@ -257,7 +257,7 @@ impl DeckForecast {
         }
     }
     /// State of the deck at time `t`, interpolated linearly; None outside the stages.
-    pub fn at(&self, t: crate::time::Time<DroneClock>) -> Option<DeckStage> {
+    pub fn at(&self, t: DroneTime) -> Option<DeckStage> {
         let step = self.step.secs();
         if !(step > 0.0) {
             return None;

@@ -10,7 +10,7 @@ use super::{
 };
 use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
-use crate::time::{DroneClock, Span, Time};
+use crate::time::{DroneClock, DroneTime, Span};
 
 /// Number of stages of a plan.
 pub const PLAN_STAGES: usize = 41;
@@ -241,9 +241,9 @@ pub struct PredictorCheckpoint {
     /// Boot id of the vessel received by radio. After its restart, the error of its radio position differs.
     pub vessel_boot: u32,
     /// Newest fused vision measurement.
-    pub vision_at: Time<DroneClock>,
+    pub vision_at: DroneTime,
     /// Newest fused tag detection.
-    pub tag_at: Option<Time<DroneClock>>,
+    pub tag_at: Option<DroneTime>,
     /// Slowly varying error of vision minus radio: north, east, down (m), tilt about the pitch and roll axes of a
     /// vessel that heads north, heading (rad).
     pub offset: [f64; 6],
@@ -260,7 +260,7 @@ pub struct PredictorCheckpoint {
     /// Velocity of the drone, m/s.
     pub velocity: [f64; 3],
     /// Time of this odometry.
-    pub odometry_at: Time<DroneClock>,
+    pub odometry_at: DroneTime,
 }
 
 /// Outcome of a solve.
@@ -305,7 +305,7 @@ pub struct Plan {
     /// Iterations of the solver; 0 if the unconstrained optimum was feasible.
     pub iterations: u32,
     /// Predicted time at which the feet meet the deck; None: no touchdown is planned.
-    pub touchdown_at: Option<Time<DroneClock>>,
+    pub touchdown_at: Option<DroneTime>,
     /// Weight of Forcing Attitude Alignment at the first stage, for display.
     pub alignment: f64,
     /// Horizontal disturbance acceleration (wind) compensated by the attitudes, NED, m/s².
@@ -317,7 +317,7 @@ pub struct Plan {
 impl Plan {
     /// State of the plan at time `t`: cubic Hermite interpolation of position, linear for the rest, constant
     /// velocity beyond the last stage. None before the first stage, or with fewer than two.
-    pub fn sample(&self, t: Time<DroneClock>) -> Option<PlanStage> {
+    pub fn sample(&self, t: DroneTime) -> Option<PlanStage> {
         let h = self.step.secs();
         let n = self.stages.len();
         if n < 2 || !(h > 0.0) {
@@ -340,9 +340,12 @@ impl Plan {
             return Some(s);
         }
         let i = x as usize;
-        let (a, b, s) = (self.stages.get(i)?, self.stages.get(i + 1)?, x - i as f64);
+        let a = self.stages.get(i)?;
+        let b = self.stages.get(i + 1)?;
+        let s = x - i as f64;
         let mix = |p: &[f64; 3], q: &[f64; 3]| core::array::from_fn(|k| p[k] + s * (q[k] - p[k]));
-        let (s2, s3) = (s * s, s * s * s);
+        let s2 = s * s;
+        let s3 = s * s * s;
         let position = core::array::from_fn(|k| {
             (2.0 * s3 - 3.0 * s2 + 1.0) * a.position[k]
                 + (s3 - 2.0 * s2 + s) * h * a.velocity[k]

@@ -1,7 +1,7 @@
 //! Status of a drone for its vessel, assembled from the newest reports of the drone's processes.
 
 use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState, State};
-use crate::time::{DroneClock, Time};
+use crate::time::{DroneClock, DroneTime};
 use crate::topics;
 
 impl DroneStatus {
@@ -54,12 +54,7 @@ const STANDS_DOWN_S: f64 = 5.0;
 /// Time since the landing or the stopped take-off, s, if the drone has been armed on the deck for longer than
 /// a disarm takes (`disarm_s`); otherwise None. Causes: denied commands, unmet conditions, `disarm.on_deck`
 /// is off. A mission leaves `Landed` when the drone is armed again after a disarm.
-pub fn still_armed_s(
-    now: Time<DroneClock>,
-    mission: &MissionState,
-    armed: bool,
-    disarm_s: f64,
-) -> Option<f64> {
+pub fn still_armed_s(now: DroneTime, mission: &MissionState, armed: bool, disarm_s: f64) -> Option<f64> {
     let stands_s = (now - mission.since).secs();
     let landed = mission.state == State::Landed && stands_s > disarm_s;
     let stopped = mission.state == State::StandDown && stands_s > STANDS_DOWN_S;
@@ -69,6 +64,7 @@ pub fn still_armed_s(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::Time;
 
     #[test]
     fn ages_of_a_status_to_the_vessel() {

@@ -91,7 +91,8 @@ pub struct DeckDimensions {
 impl DeckDimensions {
     /// Coordinates of the centre, length and width, m, rounded to the millimetre.
     pub fn all_m(&self) -> [f64; 5] {
-        let ([x, y, z], [length, width]) = (self.centre, self.size);
+        let [x, y, z] = self.centre;
+        let [length, width] = self.size;
         [x, y, z, length, width].map(|v| (f64::from(v) * 1e3).round() / 1e3)
     }
     /// Reason why a drone with these dimensions must not descend to `vessel`: the pair that differs most, m.
@@ -170,7 +171,8 @@ mod tests {
 
     #[test]
     fn deck_of_other_dimensions() {
-        let (mut deck, own) = (DeckGeometry::default(), DeckGeometry::default().dimensions());
+        let mut deck = DeckGeometry::default();
+        let own = DeckGeometry::default().dimensions();
         let differs = |vessel: &DeckGeometry| own.differs_from(&vessel.dimensions());
         deck.width_m = 1.74;
         assert_eq!(differs(&deck), None);

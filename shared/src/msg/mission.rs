@@ -11,7 +11,7 @@ use super::{
     MAX_POSITION_M, MAX_SPEED_MPS, Phase, Reason, ReasonCode, State, Station, within,
 };
 use crate::geodesy::Datum;
-use crate::time::{DroneClock, Time};
+use crate::time::{DroneClock, DroneTime};
 use crate::topics;
 
 /// Landing place of a drone with a low battery.
@@ -112,7 +112,7 @@ pub struct MissionState {
     /// Previous state.
     pub previous: State,
     /// Time of entry into the state.
-    pub since: Time<DroneClock>,
+    pub since: DroneTime,
     /// Reason for entering the state.
     pub entered: Reason,
     /// Reason why the next state is not entered yet.
@@ -235,7 +235,7 @@ impl MissionState {
 #[repr(C)]
 pub struct LastVessel {
     /// Time of the state.
-    pub at: Time<DroneClock>,
+    pub at: DroneTime,
     /// Position of the deck.
     pub place: Datum,
     /// Mean velocity of the deck, north and east, m/s.
@@ -268,11 +268,11 @@ impl LastVessel {
 #[repr(C)]
 pub struct KnownBattery {
     /// Time at which the gauge last reached a new minimum in this flight.
-    pub at: Time<DroneClock>,
+    pub at: DroneTime,
     /// That minimum, 0 to 1; an assumed value if the gauge has never reported.
     pub gauge: f64,
     /// Start of the flight.
-    pub start_at: Time<DroneClock>,
+    pub start_at: DroneTime,
     /// Charge at the start, 0 to 1; None: the gauge has never reported.
     pub start: Option<f64>,
     /// Power measured by the gauge, as fraction of the charge per second, 1/s.
@@ -301,7 +301,7 @@ pub struct MissionCheckpoint {
     /// A landing is ordered.
     pub landing: bool,
     /// Start of the landing.
-    pub started: Time<DroneClock>,
+    pub started: DroneTime,
     /// The operator ordered a landing below the battery reserve, so the deck has priority.
     pub deck_first: bool,
     /// Gauge history of the battery.
@@ -503,7 +503,7 @@ impl fmt::Display for Charge {
 impl DroneStatus {
     /// Horizontal distance between odometry and the forecast deck's centre, m; None if one is missing or old.
     pub fn deck_distance_m(
-        now: Time<DroneClock>,
+        now: DroneTime,
         own: Option<&DroneState>,
         forecast: Option<&DeckForecast>,
     ) -> Option<f32> {

@@ -116,11 +116,17 @@ macro_rules! reasons {
 
         impl fmt::Display for Reason {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                let ($v, $l) = (self.value, self.limit);
-                let ($v_two, $l_two) = (TwoDigits($v), TwoDigits($l));
-                let ($v_percent, $l_percent) = (100.0 * $v, 100.0 * $l);
-                let ($v_deg, $l_deg) = ($v.to_degrees(), $l.to_degrees());
-                let ($left, $likely, $needed) = (($v - $l).max(0.0), $v_percent.floor(), $l_percent.ceil());
+                let $v = self.value;
+                let $l = self.limit;
+                let $v_two = TwoDigits($v);
+                let $l_two = TwoDigits($l);
+                let $v_percent = 100.0 * $v;
+                let $l_percent = 100.0 * $l;
+                let $v_deg = $v.to_degrees();
+                let $l_deg = $l.to_degrees();
+                let $left = ($v - $l).max(0.0);
+                let $likely = $v_percent.floor();
+                let $needed = $l_percent.ceil();
                 match self.code {
                     $(ReasonCode::$code => {
                         $(if $when {

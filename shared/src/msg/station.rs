@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{MissionState, ReasonCode};
-use crate::time::{DroneClock, Span, Time};
+use crate::time::{DroneTime, Span, Time};
 
 /// Maximum height of a station above the deck's mean level, m.
 pub const MAX_STATION_HEIGHT_M: u8 = 50;
@@ -106,12 +106,12 @@ pub struct KeptStation {
     /// Position of the station.
     pub station: Station,
     /// End of the time on the station.
-    pub until: Time<DroneClock>,
+    pub until: DroneTime,
 }
 
 impl KeptStation {
     /// This station with `until` replaced by the time left at `now`, in whole minutes after the clock's epoch.
-    pub fn left_at(&self, now: Time<DroneClock>) -> KeptStation {
+    pub fn left_at(&self, now: DroneTime) -> KeptStation {
         let left_min = ((self.until - now).secs() / 60.0).ceil().max(0.0);
         KeptStation {
             until: Time::EPOCH + Span::from_secs(60.0 * left_min),
@@ -119,7 +119,7 @@ impl KeptStation {
         }
     }
     /// This station with the time left that [`Self::left_at`] stored, counted from `now`.
-    pub fn begun_at(&self, now: Time<DroneClock>) -> KeptStation {
+    pub fn begun_at(&self, now: DroneTime) -> KeptStation {
         KeptStation {
             until: now + (self.until - Time::EPOCH),
             ..*self

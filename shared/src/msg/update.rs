@@ -139,7 +139,8 @@ impl<C: Clock> EstimateUpdate<C> {
         }
     }
     fn completed(&self, rest: &EstimateRest) -> VesselEstimate<C> {
-        let ([north, east, down], [roll, pitch, yaw]) = (self.position, self.attitude);
+        let [north, east, down] = self.position;
+        let [roll, pitch, yaw] = self.attitude;
         VesselEstimate {
             header: self.header,
             datum: rest.datum,
@@ -251,9 +252,11 @@ fn factors(base: &[WaveMode], now: &[WaveMode]) -> Option<Seq<[f16; 2], MAX_MODE
     let square = |d: usize| -> f64 { now.iter().map(|m| complex(m.shape[d]).norm_sqr()).sum() };
     let squares: [f64; DOFS] = core::array::from_fn(square);
     let factor = |(a, b): (&WaveMode, &WaveMode)| {
-        let (mut product, mut own) = (Complex::default(), 0.0);
+        let mut product = Complex::default();
+        let mut own = 0.0;
         for d in (0..DOFS).filter(|d| squares[*d] > 0.0) {
-            let (a, b) = (complex(a.shape[d]), complex(b.shape[d]));
+            let a = complex(a.shape[d]);
+            let b = complex(b.shape[d]);
             product += a.conj() * b / squares[d];
             own += a.norm_sqr() / squares[d];
         }
@@ -513,9 +516,11 @@ mod tests {
 
     #[test]
     fn wave_models_that_continue() {
-        let (mut sender, mut receiver) = (WaveSender::default(), UpdateReceiver::default());
+        let mut sender = WaveSender::default();
+        let mut receiver = UpdateReceiver::default();
         let mut late = UpdateReceiver::default();
-        let (mut whole, mut bytes) = (Vec::new(), 0);
+        let mut whole = Vec::new();
+        let mut bytes = 0;
         for k in 0..10 {
             let sent = waves(k, 0.2 * f64::from(k), 0.0);
             let message = encode(&sender.update(&sent)).unwrap();

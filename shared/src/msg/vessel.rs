@@ -38,7 +38,7 @@ use crate::frames::wrap_angle;
 use crate::geodesy::Datum;
 use crate::schema::F16;
 use crate::surroundings::Surroundings;
-use crate::time::{Clock, Time, VesselClock};
+use crate::time::{Clock, Time, VesselTime};
 use crate::vessel_model::{SURGE, SWAY, YAW};
 
 /// Maximum number of modes in a wave model.
@@ -204,7 +204,7 @@ pub struct TimeRequest<C: Clock> {
     /// Identity; `at` is the drone's time of sending (t1).
     pub header: Header<C>,
     /// Time of validity of the newest estimate admitted by the drone; it shows the vessel the state of the link.
-    pub newest_at: Time<VesselClock>,
+    pub newest_at: VesselTime,
     /// Boot of that estimate's sender; 0 before the first.
     pub newest_boot: u32,
 }
@@ -273,13 +273,17 @@ impl<C: Clock> VesselPrediction<C> {
     pub fn at(&self, ahead_s: f64) -> Option<([f64; 6], [f64; 6])> {
         let h = f64::from(self.step_s);
         let x = ahead_s / h;
-        let (i, f) = (x.floor() as usize, x.fract());
+        let i = x.floor() as usize;
+        let f = x.fract();
         let a = self.stages.get(i)?;
         let b = self.stages.get(i + 1).unwrap_or(a);
-        let (f2, f3) = (f * f, f * f * f);
+        let f2 = f * f;
+        let f3 = f * f * f;
         let eta = core::array::from_fn(|dof| {
-            let (pa, pb) = (f64::from(a.eta[dof]), f64::from(b.eta[dof]));
-            let (va, vb) = (f64::from(a.eta_dot[dof]), f64::from(b.eta_dot[dof]));
+            let pa = f64::from(a.eta[dof]);
+            let pb = f64::from(b.eta[dof]);
+            let va = f64::from(a.eta_dot[dof]);
+            let vb = f64::from(b.eta_dot[dof]);
             let step = if dof < 3 { pb - pa } else { wrap_angle(pb - pa) };
             let origin = self.origin.get(dof).copied().unwrap_or(0.0);
             origin + pa + (3.0 * f2 - 2.0 * f3) * step + ((f3 - 2.0 * f2 + f) * va + (f3 - f2) * vb) * h

@@ -195,7 +195,8 @@ impl Belief {
     }
     /// Covariance of two states; zero across blocks.
     pub fn covariance(&self, a: (usize, usize), b: (usize, usize)) -> f64 {
-        let ((ba, i), (bb, j)) = (self.layout.at(a.0, a.1), self.layout.at(b.0, b.1));
+        let (ba, i) = self.layout.at(a.0, a.1);
+        let (bb, j) = self.layout.at(b.0, b.1);
         if ba == bb { self.blocks[ba].p[(i, j)] } else { 0.0 }
     }
     /// Variance of a state.
@@ -268,12 +269,14 @@ impl Belief {
             .enumerate()
             .map(|(b, _)| {
                 let n = self.blocks[b].len();
-                let (mut a, mut q) = (DMatrix::identity(n, n), DMatrix::zeros(n, n));
+                let mut a = DMatrix::identity(n, n);
+                let mut q = DMatrix::zeros(n, n);
                 for g in discrete.groups.iter() {
                     let stride = HEAD + 2 * discrete.components;
                     let place: Vec<Option<usize>> = (0..g.dofs.len() * stride)
                         .map(|s| {
-                            let (dof, slot) = (g.dofs[s / stride], s % stride);
+                            let dof = g.dofs[s / stride];
+                            let slot = s % stride;
                             let slot = if slot < HEAD {
                                 slot
                             } else {

@@ -146,8 +146,7 @@ impl VesselModelConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::Check;
-    use crate::config::Keys;
+    use crate::config::{Check, Keys};
 
     #[test]
     fn vessel_model_config_default_and_negative_inertia() {

@@ -72,7 +72,9 @@ pub(crate) struct Group {
 impl VesselModel {
     /// Model of a vessel in a sea of `components`. A checked configuration makes M invertible.
     pub fn new(config: &VesselModelConfig, components: &[Component]) -> Self {
-        let (m, d, g) = (config.inertia(), config.damping(), config.stiffness());
+        let m = config.inertia();
+        let d = config.damping();
+        let g = config.stiffness();
         let inverse = m.try_inverse().unwrap_or_else(SMatrix::zeros);
         let drag = inverse * d;
         let spring = inverse * g;
@@ -150,7 +152,9 @@ impl VesselModel {
     /// Coefficients of `nu_dot` of degree of freedom `i` by the head of `k`: (eta, nu, slow, disturbance);
     /// the last also applies to wave values.
     pub fn acceleration_row(&self, i: usize, k: usize) -> [f64; HEAD] {
-        let (drag, spring, gain) = (self.drag[(i, k)], self.spring[(i, k)], self.gain[(i, k)]);
+        let drag = self.drag[(i, k)];
+        let spring = self.spring[(i, k)];
+        let gain = self.gain[(i, k)];
         let slow = if self.is_stiff(k) { spring } else { drag };
         [-spring, -drag, slow, gain]
     }
@@ -167,10 +171,12 @@ impl VesselModel {
     }
 
     fn discretise_group(&self, dofs: &[usize], dt: f64) -> Group {
-        let (d, nc) = (dofs.len(), self.components.len());
+        let d = dofs.len();
+        let nc = self.components.len();
         let stride = HEAD + 2 * nc;
         let n = d * stride;
-        let (mut a, mut q) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+        let mut a = DMatrix::zeros(n, n);
+        let mut q = DMatrix::zeros(n, n);
         let c = &self.config;
         let core = |second: &Completion<'_>| {
             let mut f = DMatrix::zeros(HEAD * d, HEAD * d);
@@ -209,7 +215,8 @@ impl VesselModel {
         for (index, wave) in self.components.iter().enumerate() {
             let (oa, oq) = core(&|f, w, li, i| {
                 // Slots 2 and 3 hold the oscillator here.
-                let (r, o) = (HEAD * li, wave.omega);
+                let r = HEAD * li;
+                let o = wave.omega;
                 for (lk, &k) in dofs.iter().enumerate() {
                     f[(r + NU, HEAD * lk + 2)] = self.gain[(i, k)];
                 }
@@ -219,7 +226,8 @@ impl VesselModel {
                 w[(r + 3, r + 3)] = wave.drive[i];
             });
             let osc = |s: usize| {
-                let (dof, slot) = (s / HEAD, s % HEAD);
+                let dof = s / HEAD;
+                let slot = s % HEAD;
                 dof * stride
                     + if slot < 2 {
                         slot

@@ -135,7 +135,8 @@ impl<C: Clock> Modes<C> {
     pub fn frequency(&self) -> Option<f64> {
         // Noise level of the motion: m, rad.
         let (heave, tilt): (&[usize], &[usize]) = (&[HEAVE], &[ROLL, PITCH]);
-        let (mut sum, mut of) = (0.0, 0.0);
+        let mut sum = 0.0;
+        let mut of = 0.0;
         for (dofs, noise) in [(heave, 0.02_f64), (tilt, 0.005)] {
             let square = |m: &Mode| dofs.iter().map(|&d| m.shape[d].norm_sqr()).sum::<f64>();
             let waves = || self.modes.iter().filter(|m| m.is_wave());
@@ -186,9 +187,12 @@ mod tests {
 
     #[test]
     fn mode_motion_derivatives() {
-        let (m, h) = (modes(), 1e-5);
+        let m = modes();
+        let h = 1e-5;
         for t in [0.0, 0.7, 3.0] {
-            let (before, now, after) = (m.motion(t - h), m.motion(t), m.motion(t + h));
+            let before = m.motion(t - h);
+            let now = m.motion(t);
+            let after = m.motion(t + h);
             for d in 0..DOFS {
                 assert_eq!(m.values(t)[d], now[d][0]);
                 for k in 0..2 {

@@ -61,12 +61,15 @@ fn filled(model: &VesselModel) -> Belief {
 
 /// Complete continuous system of a group, as in eq. 1-3 of the paper.
 fn dense(model: &VesselModel, dofs: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (nc, c) = (model.components().len(), model.config());
+    let nc = model.components().len();
+    let c = model.config();
     let stride = HEAD + 2 * nc;
     let n = stride * dofs.len();
-    let (mut f, mut w) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
+    let mut f = DMatrix::zeros(n, n);
+    let mut w = DMatrix::zeros(n, n);
     let inverse = c.inertia().try_inverse().unwrap();
-    let (drag, spring) = (inverse * c.damping(), inverse * c.stiffness());
+    let drag = inverse * c.damping();
+    let spring = inverse * c.stiffness();
     for (li, &i) in dofs.iter().enumerate() {
         let r = li * stride;
         f[(r + ETA, r + NU)] = 1.0;
@@ -92,7 +95,8 @@ fn dense(model: &VesselModel, dofs: &[usize]) -> (DMatrix<f64>, DMatrix<f64>) {
         f[(r + DISTURBANCE, r + DISTURBANCE)] = -1.0 / tau;
         w[(r + DISTURBANCE, r + DISTURBANCE)] = 2.0 * c.disturbance_sd_mps2_m_rad_radps2[i].powi(2) / tau;
         for (j, wave) in model.components().iter().enumerate() {
-            let (v, o) = (r + HEAD + 2 * j, wave.omega);
+            let v = r + HEAD + 2 * j;
+            let o = wave.omega;
             f[(v, v + 1)] = 1.0;
             f[(v + 1, v)] = -o * o;
             f[(v + 1, v + 1)] = -2.0 * wave.damping * o;
@@ -165,7 +169,9 @@ fn belief_turned_there_and_back() {
 
 #[test]
 fn turn_tilt_against_linear_rotation() {
-    let (roll, pitch, delta) = (0.2, -0.15, 1.1);
+    let roll = 0.2;
+    let pitch = -0.15;
+    let delta = 1.1;
     let (r, p) = turn_tilt(roll, pitch, delta);
     let normal = |r: f64, p: f64, y: f64| {
         nalgebra::UnitQuaternion::from_euler_angles(r, p, y) * nalgebra::Vector3::z()

@@ -63,7 +63,8 @@ pub fn rules(name: &str, own: &[String], peers: &[String], router: Option<&str>)
     let ids: Vec<&str> = subjects.iter().map(|(id, _)| *id).collect();
     let mut policies = vec![json!({ "rules": granted, "subjects": ids })];
     for peer in peers {
-        let (receive, answers) = (format!("receive-{peer}"), format!("answers-{peer}"));
+        let receive = format!("receive-{peer}");
+        let answers = format!("answers-{peer}");
         let own = format!("alight/{peer}");
         rules.push(rule(
             &receive,

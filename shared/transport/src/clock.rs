@@ -48,7 +48,7 @@ impl ProcessClock {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::time::DroneClock;
+    use alight_shared::time::DroneTime;
 
     #[test]
     fn process_clock_with_offset_and_drift() {
@@ -57,15 +57,16 @@ mod tests {
             offset_s: 100.25,
             drift_ppm: 20.0,
         };
-        let t: Time<DroneClock> = clock.read(5_000_000_000 + 1_000_000_000_000);
+        let t: DroneTime = clock.read(5_000_000_000 + 1_000_000_000_000);
         assert!((t.secs() - 1100.25 - 0.02).abs() < 1e-9, "{t:?}");
-        let back: Time<DroneClock> = clock.steady(t.nanos());
+        let back: DroneTime = clock.steady(t.nanos());
         assert!((back.nanos() - 1_000_000_000_000).abs() <= 2, "{back:?}");
     }
 
     #[test]
     fn monotonic_steady_clock() {
-        let (a, b) = (steady_ns(), steady_ns());
+        let a = steady_ns();
+        let b = steady_ns();
         assert!(0 < a && a <= b);
     }
 }

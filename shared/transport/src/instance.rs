@@ -1,5 +1,6 @@
 //! Instance: set of processes on one computer, with the names of its services.
 
+use std::fs;
 use std::path::PathBuf;
 
 use iceoryx2::prelude::*;
@@ -63,16 +64,16 @@ impl Instance {
     pub fn wipe(&self) -> std::io::Result<()> {
         let prefix = self.prefix();
         for directory in ["/dev/shm", "/tmp"] {
-            let Ok(entries) = std::fs::read_dir(directory) else {
+            let Ok(entries) = fs::read_dir(directory) else {
                 continue;
             };
             for entry in entries.flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                    let _gone = std::fs::remove_file(entry.path());
+                    let _gone = fs::remove_file(entry.path());
                 }
             }
         }
-        match std::fs::remove_dir_all(self.middleware()) {
+        match fs::remove_dir_all(self.middleware()) {
             Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(e),
             Ok(()) | Err(_) => Ok(()),
         }

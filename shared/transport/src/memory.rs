@@ -4,6 +4,7 @@
 //! The creator of a service determines its settings, and may leave it unusable if it dies. Therefore one
 //! process, the supervisor, creates all services ([`Services::create`]), and the others only open them.
 
+use std::fs;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
 use std::time::Duration;
 
@@ -60,7 +61,7 @@ impl Memory {
     pub fn join(instance: &Instance, process: &str) -> Result<Memory, TransportError> {
         warnings::listen();
         let doing = || format!("joining the shared memory of instance {}", instance.name());
-        std::fs::create_dir_all(instance.middleware()).doing(doing)?;
+        fs::create_dir_all(instance.middleware()).doing(doing)?;
         let name = NodeName::new(process).doing(doing)?;
         let node = NodeBuilder::new()
             .name(&name)
@@ -406,18 +407,19 @@ mod tests {
         drop((ranges, wake, services, memory));
         instance.wipe().unwrap();
         let prefix = instance.prefix();
-        let left = std::fs::read_dir("/dev/shm").unwrap().flatten();
+        let left = fs::read_dir("/dev/shm").unwrap().flatten();
         assert_eq!(
             left.filter(|e| e.file_name().to_string_lossy().starts_with(&prefix))
                 .count(),
             0
         );
-        std::fs::remove_dir_all(instance.directory()).unwrap();
+        fs::remove_dir_all(instance.directory()).unwrap();
     }
 
     fn is_shared(instance: &Instance, bytes: &[u8]) -> bool {
-        let (at, name) = (bytes.as_ptr() as usize, format!("/dev/shm/{}", instance.prefix()));
-        let maps = std::fs::read_to_string("/proc/self/maps").unwrap();
+        let at = bytes.as_ptr() as usize;
+        let name = format!("/dev/shm/{}", instance.prefix());
+        let maps = fs::read_to_string("/proc/self/maps").unwrap();
         let mut shared = maps.lines().filter(|line| line.contains(&name));
         shared.any(|line| {
             let (range, _) = line.split_once(' ').unwrap();
@@ -474,6 +476,6 @@ mod tests {
         assert_eq!(reader.next_image().map(|i| i.header().at_ns), Some(8));
         drop((images, reader, others, services, memory));
         instance.wipe().unwrap();
-        std::fs::remove_dir_all(instance.directory()).unwrap();
+        fs::remove_dir_all(instance.directory()).unwrap();
     }
 }

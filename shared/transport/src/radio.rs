@@ -78,7 +78,8 @@ impl Subscription {
 }
 impl From<String> for Subscription {
     fn from(key: String) -> Subscription {
-        let (asked, order) = (false, false);
+        let asked = false;
+        let order = false;
         Subscription { key, asked, order }
     }
 }
@@ -212,7 +213,8 @@ impl Parts {
     }
     /// Handler for messages, broadcast or queried.
     fn receiver(&self, subscription: usize) -> impl Fn(&Sample) + Send + Sync + use<> {
-        let (inbox, dropped) = (Arc::clone(&self.inbox), Arc::clone(&self.dropped));
+        let inbox = Arc::clone(&self.inbox);
+        let dropped = Arc::clone(&self.dropped);
         let is_order = self.subscriptions.get(subscription).is_some_and(|s| s.order);
         move |sample| {
             let payload = sample.payload();
@@ -453,7 +455,8 @@ impl Radio {
         }
         let now = steady_ns();
         let since_s = |at: i64| now.saturating_sub(at) as f64 * 1e-9;
-        let (limit_s, lease_s) = (self.parts.config.reopen_after_s, self.parts.config.link_lease_s());
+        let limit_s = self.parts.config.reopen_after_s;
+        let lease_s = self.parts.config.link_lease_s();
         if age_s <= limit_s {
             self.last_fresh_ns = now;
         }

@@ -18,7 +18,8 @@ pub(super) struct Attempts {
 impl Attempts {
     pub(super) fn succeeded(&mut self) {
         self.opened = self.opened.saturating_add(1);
-        (self.next, self.reported) = (None, None);
+        self.next = None;
+        self.reported = None;
     }
     /// Records a failure at `now_ns` and schedules the next attempt. Returns the error if it is new.
     pub(super) fn failed(&mut self, now_ns: i64, why: &TransportError) -> Option<String> {
@@ -60,7 +61,9 @@ mod tests {
         let mut attempts = Attempts::default();
         assert!(!attempts.is_due(i64::MAX) && !attempts.is_pausing());
         // Pauses grow, and a repeated error is reported once.
-        let (mut now, mut pauses, mut reported) = (0, Vec::new(), 0);
+        let mut now = 0;
+        let mut pauses = Vec::new();
+        let mut reported = 0;
         for _ in 0..8 {
             reported += usize::from(attempts.failed(now, &error("no key")).is_some());
             let due = (0..)

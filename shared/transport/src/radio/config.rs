@@ -189,9 +189,10 @@ impl RadioConfig {
     /// Certificate names that access rules apply to; None without certificates.
     pub(super) fn admitted(&self) -> Option<Vec<String>> {
         let tls = &self.tls;
-        let names = match self.router {
-            true => vec![tls.router.clone()],
-            false => tls.peers.clone(),
+        let names = if self.router {
+            vec![tls.router.clone()]
+        } else {
+            tls.peers.clone()
         };
         (!tls.authority.is_empty()).then_some(names)
     }
@@ -347,9 +348,10 @@ impl ZenohFile {
         let Some(text) = zenoh_text(&config.zenoh)? else {
             return Ok(None);
         };
-        let path = match is_text(&config.zenoh) {
-            true => "given as text".into(),
-            false => config.zenoh.clone(),
+        let path = if is_text(&config.zenoh) {
+            "given as text".into()
+        } else {
+            config.zenoh.clone()
         };
         let values = json5::from_str(&text).map_err(|e| TransportError {
             doing: format!("reading Zenoh's configuration {path} (radio.zenoh)"),
@@ -443,7 +445,8 @@ mod tests {
         let own = ["wave", "estimate"].map(|topic| format!("alight/vessel-1/{topic}"));
         let session = config.session("alight/vessel-1", &own, None).unwrap();
         let set = |key: &str| -> Value { serde_json::from_str(&session.get_json(key).unwrap()).unwrap() };
-        let (sizes, rates) = (set("low_pass_filter"), set("downsampling"));
+        let sizes = set("low_pass_filter");
+        let rates = set("downsampling");
         // The receiver counts messages that are too long, and no newer message is dropped for an older one.
         for rule in [&sizes[0], &rates[0]] {
             assert_eq!(rule["messages"], serde_json::json!(["query"]));

@@ -19,7 +19,8 @@ impl PerSecond {
     pub(super) fn admits(&mut self, now_ns: i64, most: u32) -> bool {
         let second = now_ns.div_euclid(1_000_000_000);
         if second != self.second {
-            (self.second, self.answers) = (second, 0);
+            self.second = second;
+            self.answers = 0;
         }
         let admitted = self.answers < most;
         self.answers += u32::from(admitted);

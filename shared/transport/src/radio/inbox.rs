@@ -82,9 +82,10 @@ impl Inbox {
     /// Adds a message. Returns the number of dropped messages.
     pub(super) fn put(&self, received: Received, is_order: bool) -> u64 {
         let mut waiting = self.lock();
-        let rings = match is_order {
-            true => &mut waiting.orders,
-            false => &mut waiting.others,
+        let rings = if is_order {
+            &mut waiting.orders
+        } else {
+            &mut waiting.others
         };
         let dropped = rings.push(received);
         drop(waiting);
@@ -132,7 +133,8 @@ mod tests {
 
     #[test]
     fn abort_behind_ten_thousand_states() {
-        let (inbox, vessel) = (Inbox::default(), Sender::Vessel(1));
+        let inbox = Inbox::default();
+        let vessel = Sender::Vessel(1);
         let dropped: u64 = (0..10_000)
             .map(|k| inbox.put(message(STATE, vessel, k), false))
             .sum();
@@ -147,7 +149,8 @@ mod tests {
     #[test]
     fn abort_and_states_in_the_flood_of_a_peer() {
         let inbox = Inbox::default();
-        let (own, loud) = (Sender::Operator(1), Sender::Operator(2));
+        let own = Sender::Operator(1);
+        let loud = Sender::Operator(2);
         inbox.put(message(ORDER, own, 0), true);
         inbox.put(message(STATE, Sender::Drone(1), 1), false);
         for k in 2..10_000 {

@@ -62,7 +62,9 @@ mod tests {
     fn tokens_of_more_peers_than_are_stored() {
         let present = Present::default();
         let drone = |k: usize| Sender::of_key(&format!("alight/drone-{k}"));
-        (1..=2 * MAX_PRESENT).for_each(|k| present.set(drone(k), true));
+        for k in 1..=2 * MAX_PRESENT {
+            present.set(drone(k), true);
+        }
         assert_eq!(present.count(|_| true), MAX_PRESENT);
         present.set(drone(1), false);
         assert_eq!(present.count(|_| true), MAX_PRESENT - 1);
