@@ -43,11 +43,9 @@ fn main() {
 }
 
 fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
-    let (drone, deck, name) = (
-        DroneGeometry::default(),
-        DeckGeometry::default(),
-        config.kind.name(),
-    );
+    let drone = DroneGeometry::default();
+    let deck = DeckGeometry::default();
+    let name = config.kind.name();
     let (mut steps, mut recorded): (Vec<Duration>, Vec<(Problem, u32)>) = Default::default();
     for phase in [0.0, 2.0, 4.0] {
         let mut planner = Planner::new(config, &drone, &deck, 1);
@@ -81,13 +79,15 @@ fn measure(config: &PlannerConfig, criterion: &mut Criterion) {
             .max()
             .unwrap_or_default()
     );
-    let (mut mpc, mut solution) = (Mpc::new(config, &drone), Solution::default());
+    let mut mpc = Mpc::new(config, &drone);
+    let mut solution = Solution::default();
     for (limits, limited) in [("free", false), ("limited", true)] {
         let instance = recorded
             .iter()
             .rfind(|(_, iterations)| (*iterations > 0) == limited);
         let Some((problem, _)) = instance else { continue };
-        let (ceiling, mut problem) = (problem.ceiling.clone(), problem.clone());
+        let ceiling = problem.ceiling.clone();
+        let mut problem = problem.clone();
         criterion.bench_function(&format!("{name}/{limits}"), |b| {
             b.iter(|| mpc.solve(&mut problem, |k, _, _| ceiling[k], &mut solution));
         });

@@ -77,7 +77,8 @@ impl DroneNodes {
         self.bridge.drone_id
     }
     fn camera(&self, boot: u32) -> CameraIdentity {
-        let (vessel, drone) = (self.bridge.vessel_id, self.id());
+        let vessel = self.bridge.vessel_id;
+        let drone = self.id();
         CameraIdentity { vessel, drone, boot }
     }
 }

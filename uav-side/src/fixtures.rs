@@ -4,11 +4,11 @@ use alight_shared::msg::{
     AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState,
     FORECAST_STAGES, Header, LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 
 const STEP: Span = Span::from_millis(100);
 
-pub(crate) fn header(n: u32, t: Time<DroneClock>) -> Header<DroneClock> {
+pub(crate) fn header(n: u32, t: DroneTime) -> Header<DroneClock> {
     Header::new(1, 1, 1, n, t)
 }
 

@@ -1,7 +1,7 @@
 //! Differential flatness of a multirotor: attitude and thrust from a thrust vector and heading (Mellinger and Kumar
 //! 2011, section III), and lead compensation of the attitude loop's lag.
 
-use alight_shared::frames::body_rates;
+use alight_shared::frames::{body_rates, yaw_rotation};
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::DeckStage;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -13,9 +13,9 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 pub fn attitude_of_thrust(thrust: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let norm = thrust.norm();
     if norm.is_nan() || norm < 1e-6 {
-        return UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        return yaw_rotation(yaw);
     }
-    let down = UnitQuaternion::from_euler_angles(0.0, 0.0, -yaw) * (-thrust / norm);
+    let down = yaw_rotation(-yaw) * (-thrust / norm);
     let roll = (-down.y).clamp(-1.0, 1.0).asin();
     let pitch = down.x.atan2(down.z);
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)

@@ -1,6 +1,6 @@
 //! Height gained above the deck at take-off.
 
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 
 /// Maximum integration step between two odometry samples, s.
 const MAX_STEP_S: f64 = 1.0;
@@ -18,7 +18,7 @@ pub(crate) const LEAVES_WITHIN_S: f64 = 1.0;
 /// position in the drone's frame is the difference of two GNSS receivers and may jump by metres.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Rise {
-    at: Option<Time<DroneClock>>,
+    at: Option<DroneTime>,
     /// Upward speed relative to the deck, m/s.
     speed_mps: Option<f64>,
     risen_m: f64,
@@ -27,21 +27,22 @@ pub(crate) struct Rise {
 }
 
 impl Rise {
-    pub(crate) fn begun(now: Time<DroneClock>) -> Rise {
+    pub(crate) fn begun(now: DroneTime) -> Rise {
         Rise {
             at: Some(now),
             ..Rise::default()
         }
     }
     /// Integrates to `at`; velocities are NED down, m/s. An unknown deck counts as at rest.
-    pub(crate) fn update(&mut self, at: Time<DroneClock>, drone_mps: f64, deck_mps: Option<f64>) {
+    pub(crate) fn update(&mut self, at: DroneTime, drone_mps: f64, deck_mps: Option<f64>) {
         let dt = self.at.map_or(0.0, |before| (at - before).secs());
         if dt < 0.0 {
             return;
         }
         let speed_mps = deck_mps.unwrap_or(0.0) - drone_mps;
         let mean_mps = 0.5 * (self.speed_mps.unwrap_or(speed_mps) + speed_mps);
-        (self.at, self.speed_mps) = (Some(at), Some(speed_mps));
+        self.at = Some(at);
+        self.speed_mps = Some(speed_mps);
         self.has_gap |= dt > GAP_S || deck_mps.is_none();
         self.risen_m += mean_mps * dt.min(MAX_STEP_S);
     }
@@ -57,6 +58,7 @@ impl Rise {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     #[test]
     fn rise_over_a_deck_that_heaves() {

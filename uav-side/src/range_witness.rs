@@ -6,9 +6,7 @@
 //! with `|d - w| <= WRONG_BY |w|`. Otherwise they are rejected until they follow such a displacement.
 
 use alight_shared::estimation::median;
-use alight_shared::time::{DroneClock, Time};
-
-type DroneTime = Time<DroneClock>;
+use alight_shared::time::DroneTime;
 
 /// Displacement over which readings are checked, m: ten times the noise of their median.
 const WAY_M: f64 = 0.4;
@@ -77,10 +75,13 @@ impl RangeWitness {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     /// Descent at `sink` (m/s) with readings `read(height)` at 50 Hz and a speed that is wrong by `error`.
     fn descends(height: f64, until: f64, sink: f64, error: f64, read: impl Fn(f64) -> f64) -> RangeWitness {
-        let (mut w, mut h, mut t) = (RangeWitness::default(), height, 10.0);
+        let mut w = RangeWitness::default();
+        let mut h = height;
+        let mut t = 10.0;
         let mut k = 0_u32;
         while h > until {
             h -= sink * 0.01;

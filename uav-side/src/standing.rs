@@ -6,7 +6,7 @@
 //! rise since the rotors could first lift the drone, or the autopilot's own ground report. A height does not overrule
 //! the support, because a rangefinder may be stuck.
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 
 use crate::range_witness::BELOW_FEET_M;
 
@@ -55,10 +55,10 @@ pub(crate) fn by_range(height_m: Option<f64>) -> Option<bool> {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StandingMonitor {
-    carried: Option<Time<DroneClock>>,
-    falls: Option<Time<DroneClock>>,
-    lifts: Option<Time<DroneClock>>,
-    above: Option<Time<DroneClock>>,
+    carried: Option<DroneTime>,
+    falls: Option<DroneTime>,
+    lifts: Option<DroneTime>,
+    above: Option<DroneTime>,
 }
 
 impl StandingMonitor {
@@ -66,13 +66,13 @@ impl StandingMonitor {
     /// report, and from the evidence of `heights`.
     pub(crate) fn step(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         thrust: Option<f64>,
         force: Option<f64>,
         heights: &[Option<bool>],
     ) -> StandingVerdict {
         let low = thrust.is_some_and(|t| t <= LOW_OF_HOVER);
-        let lasts = |since: &mut Option<Time<DroneClock>>, holds: bool, span: Span| {
+        let lasts = |since: &mut Option<DroneTime>, holds: bool, span: Span| {
             *since = holds.then(|| since.unwrap_or(now));
             since.is_some_and(|at| now - at >= span)
         };
@@ -102,6 +102,7 @@ impl StandingMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     /// Verdict after half a second of constant evidence.
     fn after(thrust: Option<f64>, force: Option<f64>, heights: &[Option<bool>]) -> StandingVerdict {
@@ -113,7 +114,8 @@ mod tests {
     #[test]
     fn drone_that_stands_by_two_witnesses() {
         use StandingVerdict::{Flies, Stands, Unknown};
-        let (yes, no) = (Some(true), Some(false));
+        let yes = Some(true);
+        let no = Some(false);
         for (thrust, force, heights, expected) in [
             (Some(0.3), Some(1.0), [yes, None, None], Stands),
             (Some(0.0), Some(1.0), [None, yes, None], Stands),

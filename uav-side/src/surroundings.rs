@@ -131,12 +131,11 @@ impl Passage {
         }
         let into = deck.rotation().transpose();
         let q = into * Vector3::new(x - deck.position[0], y - deck.position[1], 0.0);
-        let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+        let mut from = f64::NEG_INFINITY;
+        let mut to = f64::INFINITY;
         for i in 0..3 {
-            let (low, high) = (
-                f64::from(self.volume.low[i]) - self.margin - q[i],
-                f64::from(self.volume.high[i]) + self.margin - q[i],
-            );
+            let low = f64::from(self.volume.low[i]) - self.margin - q[i];
+            let high = f64::from(self.volume.high[i]) + self.margin - q[i];
             let d = into[(i, 2)];
             if d.abs() < 1e-6 {
                 if low > 0.0 || high < 0.0 {
@@ -208,7 +207,8 @@ mod tests {
         let drone = DroneGeometry::default();
         for (heading, begins) in [(0.4, 0.5), (-2.0, -2.6), (3.0, 0.0)] {
             let begins: f64 = begins + heading;
-            let (mut p, mut admitted) = (Vector2::new(begins.cos(), begins.sin()) * 50.0, false);
+            let mut p = Vector2::new(begins.cos(), begins.sin()) * 50.0;
+            let mut admitted = false;
             while p.norm() > 3.0 {
                 let to = way_round(&around, &drone, heading, &p, &mut admitted).unwrap_or_default();
                 let step = to - p;

@@ -3,14 +3,13 @@
 //!
 //! The parent module must import `planner`.
 
-use alight_shared::frames::body_rates;
+use alight_shared::frames::{body_rates, wxyz};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, State as Mode,
+    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, Seq, State as Mode,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::naive;
@@ -58,7 +57,9 @@ impl BenchSea {
                 -amplitude * self.omega * self.omega * s,
             ]
         };
-        let (h, r, p) = (wave(self.heave, 0.0), wave(self.roll, 1.0), wave(self.pitch, 2.2));
+        let h = wave(self.heave, 0.0);
+        let r = wave(self.roll, 1.0);
+        let p = wave(self.pitch, 2.2);
         DeckStage {
             position: [20.0 + DRIFT[0] * t, -8.0 + DRIFT[1] * t, -1.3 + h[0]],
             velocity: [DRIFT[0], DRIFT[1], h[1]],
@@ -69,7 +70,7 @@ impl BenchSea {
         }
     }
     /// Perfect forecast over 2 s.
-    pub fn forecast(&self, now: Time<DroneClock>, sequence: u32) -> DeckForecast {
+    pub fn forecast(&self, now: DroneTime, sequence: u32) -> DeckForecast {
         let step = Span::from_millis(50);
         DeckForecast {
             header: Header::new(1, 1, 1, sequence, now),
@@ -114,7 +115,7 @@ impl PlanFollower {
             tick: 0,
         }
     }
-    pub fn now(&self) -> Time<DroneClock> {
+    pub fn now(&self) -> DroneTime {
         Time::from_nanos(self.tick * 10_000_000)
     }
     pub fn header(&self) -> Header<DroneClock> {
@@ -124,8 +125,9 @@ impl PlanFollower {
         if let Some(s) = self.plan.as_ref().and_then(|p| p.sample(self.now())) {
             self.drone.position = s.position;
             self.drone.velocity = s.velocity;
-            let q = UnitQuaternion::from_euler_angles(s.euler[0], s.euler[1], s.euler[2]);
-            self.drone.attitude = [q.w, q.i, q.j, q.k];
+            self.drone.attitude = wxyz(&UnitQuaternion::from_euler_angles(
+                s.euler[0], s.euler[1], s.euler[2],
+            ));
             self.drone.rates = body_rates(s.euler[0], s.euler[1], Vector3::from(s.euler_rates)).into();
         }
         self.drone.header = self.header();
@@ -155,16 +157,19 @@ impl Approach {
     }
 
     /// Runs a tick of 10 ms, with the planner run by `step`. Returns None after contact or after 45 s.
-    pub fn tick(&mut self, step: impl FnOnce(Time<DroneClock>, &PlannerIn) -> Option<Plan>) -> Option<()> {
+    pub fn tick(&mut self, step: impl FnOnce(DroneTime, &PlannerIn) -> Option<Plan>) -> Option<()> {
         if self.contact.is_some() || self.follower.tick > 4500 {
             return None;
         }
         let feet_below = DroneGeometry::default().feet_below_m;
         self.follower.follow();
-        let (now, header, drone) = (self.follower.now(), self.follower.header(), self.follower.drone);
+        let now = self.follower.now();
+        let header = self.follower.header();
+        let drone = self.follower.drone;
         let t = now.secs();
         let deck = self.sea.deck(t);
-        let (p, up) = (drone.position(), drone.attitude() * -Vector3::z());
+        let p = drone.position();
+        let up = drone.attitude() * -Vector3::z();
         let gap = clearance(&p, &up, &deck, feet_below);
         if gap <= 0.0 {
             let normal = deck.normal();
@@ -208,7 +213,8 @@ impl Approach {
 
     /// Flies the landing; `see` is called after each plan.
     pub fn land(self, config: &PlannerConfig, see: impl FnMut(&Planner, &Plan)) -> Option<BenchContact> {
-        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
+        let drone = DroneGeometry::default();
+        let deck = DeckGeometry::default();
         self.land_with(Planner::new(config, &drone, &deck, 1), see)
     }
 
@@ -238,12 +244,10 @@ pub fn naive_data<'a>(config: &PlannerConfig, mpc: &Mpc, problem: &'a Problem) -
     let full = discretise(&a, &(b * mixer.transpose()), config.step_s);
     let (x, y, z, yaw) = mpc.limits();
     let l = &config.limits;
-    let (inf, v, w, t) = (
-        f64::INFINITY,
-        l.horizontal_mps,
-        l.rates_rps,
-        l.tilt_deg.to_radians(),
-    );
+    let inf = f64::INFINITY;
+    let v = l.horizontal_mps;
+    let w = l.rates_rps;
+    let t = l.tilt_deg.to_radians();
     naive::Data {
         a: full.a,
         b: full.b,

@@ -89,7 +89,8 @@ fn inputs(d: &Data<'_>, increments: &[f64]) -> Vec<[f64; 4]> {
 /// Cost of an input sequence including slack, as both solvers minimise it.
 pub fn cost(d: &Data<'_>, inputs: &[[f64; 4]]) -> f64 {
     let mut x = nalgebra::SVector::<f64, 12>::from(d.state);
-    let (mut before, mut sum) = (d.input, 0.0);
+    let mut before = d.input;
+    let mut sum = 0.0;
     for (k, u) in inputs.iter().enumerate() {
         x = d.a * x + d.b * nalgebra::SVector::<f64, 4>::from(*u);
         let mut slack = [0.0_f64; 4];
@@ -121,7 +122,8 @@ pub fn unconstrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
 pub fn constrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
     let n = d.reference.len();
     let dense = condense(d);
-    let (moves, all) = (4 * n, 8 * n);
+    let moves = 4 * n;
+    let all = 8 * n;
     let mut p = DMatrix::zeros(all, all);
     p.view_mut((0, 0), (moves, moves)).copy_from(&dense.hessian);
     let mut q = vec![d.slack[0]; all];
@@ -179,14 +181,17 @@ pub fn constrained(d: &Data<'_>) -> Option<Vec<[f64; 4]>> {
         tol_gap_rel: d.tolerance,
         ..DefaultSettings::default()
     };
-    let (p, a) = (sparse(&p, true), sparse(&a, false));
+    let p = sparse(&p, true);
+    let a = sparse(&a, false);
     let mut solver = DefaultSolver::new(&p, &q, &a, &b, &[NonnegativeConeT(b.len())], settings).ok()?;
     solver.solve();
     (solver.solution.status == SolverStatus::Solved).then(|| inputs(d, &solver.solution.x[..moves]))
 }
 
 fn sparse(m: &DMatrix<f64>, upper: bool) -> CscMatrix<f64> {
-    let (mut colptr, mut rowval, mut nzval) = (vec![0], Vec::new(), Vec::new());
+    let mut colptr = vec![0];
+    let mut rowval = Vec::new();
+    let mut nzval = Vec::new();
     for j in 0..m.ncols() {
         for i in 0..m.nrows() {
             if m[(i, j)] != 0.0 && (!upper || i <= j) {

@@ -154,7 +154,8 @@ impl AuthorityStateMachine {
         self.flown = true;
     }
     pub(crate) fn forget(&mut self) {
-        (self.confirmations, self.flown) = (0, false);
+        self.confirmations = 0;
+        self.flown = false;
     }
     /// Hands the drone to the autopilot until permission is given again.
     pub(crate) fn divert(&mut self, now: DroneTime, to: Diversion) {
@@ -270,6 +271,11 @@ mod tests {
             })
             .collect()
     }
+    fn commanding() -> AuthorityStateMachine {
+        let mut a = AuthorityStateMachine::default();
+        run(&mut a, 0, &[READY; 3]);
+        a
+    }
     fn by(mode: AutopilotMode) -> AuthorityEvidence {
         AuthorityEvidence { mode, ..READY }
     }
@@ -310,8 +316,7 @@ mod tests {
             several: true,
             ..READY
         };
-        let mut a = AuthorityStateMachine::default();
-        run(&mut a, 0, &[READY; 3]);
+        let mut a = commanding();
         assert!(run(&mut a, 60, &[several; 3]).iter().all(|s| s.commands()));
         // Neither a gap in the odometry nor the autopilot's own hold ends the command.
         let gap = AuthorityEvidence {
@@ -339,8 +344,7 @@ mod tests {
 
     #[test]
     fn authority_with_a_heartbeat_in_another_mode() {
-        let mut a = AuthorityStateMachine::default();
-        run(&mut a, 0, &[READY; 3]);
+        let mut a = commanding();
         let mode = AutopilotMode::Other;
         let person = by(mode);
         let s = run(&mut a, 60, &[person, READY, person, person]);
@@ -354,8 +358,7 @@ mod tests {
     /// In return mode set-points are streamed at once, and the mode ends the command like any other mode.
     #[test]
     fn authority_after_a_return() {
-        let mut a = AuthorityStateMachine::default();
-        run(&mut a, 0, &[READY; 3]);
+        let mut a = commanding();
         let mode = AutopilotMode::Return;
         let s = run(&mut a, 60, &[by(mode); 3]);
         assert_eq!(s[0], ControlAuthority::TakenOver { mode });
@@ -368,8 +371,7 @@ mod tests {
     fn authority_with_a_failsafe_of_the_autopilot() {
         for mode in [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold] {
             for set_points_lost in [false, true] {
-                let mut a = AuthorityStateMachine::default();
-                run(&mut a, 0, &[READY; 3]);
+                let mut a = commanding();
                 let s = run(
                     &mut a,
                     60,
@@ -391,8 +393,7 @@ mod tests {
 
     #[test]
     fn authority_after_a_diversion() {
-        let mut a = AuthorityStateMachine::default();
-        run(&mut a, 0, &[READY; 3]);
+        let mut a = commanding();
         a.divert(Time::from_secs(0.06), Diversion::Return);
         // The autopilot is still in our mode after a lost or denied command.
         let s = run(&mut a, 60, &[READY; 50]);
@@ -406,8 +407,7 @@ mod tests {
 
     #[test]
     fn authority_after_link_loss() {
-        let mut a = AuthorityStateMachine::default();
-        run(&mut a, 0, &[READY; 3]);
+        let mut a = commanding();
         let gone = AuthorityEvidence {
             alive: false,
             heartbeat: false,

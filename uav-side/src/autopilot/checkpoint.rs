@@ -35,7 +35,8 @@ impl AutopilotLink {
         if s.has_begun {
             return;
         }
-        let (drone_id, boot) = (self.headers.drone_id, self.headers.boot);
+        let drone_id = self.headers.drone_id;
+        let boot = self.headers.boot;
         s.began = s.began.or(Some(now));
         s.has_begun = s.recovery.poll(now, boot, given);
         let before = s.recovery.checkpoint();
@@ -78,7 +79,8 @@ impl AutopilotLink {
         let peer = self.peer.get_or_insert_with(|| {
             // Heartbeats that arrived before this link started are lost.
             let mut peer = MavlinkPeer::new(address, firmware, now, &self.config, self.stream.attitudes);
-            (peer.mode, peer.armed) = (AutopilotMode::Offboard, true);
+            peer.mode = AutopilotMode::Offboard;
+            peer.armed = true;
             peer.resume_landed(m.header.at, m.landed);
             peer
         });

@@ -105,7 +105,8 @@ impl RemoteClock {
         self.best(now).map(|b| (b.middle().nanos(), b.error_s()))
     }
     pub(crate) fn resume(&mut self, now: DroneTime, offset_ns: i64, error_s: f64) {
-        let (middle, error) = (Span::from_nanos(offset_ns), Span::from_secs(error_s));
+        let middle = Span::from_nanos(offset_ns);
+        let error = Span::from_secs(error_s);
         self.exchanges.push_back(OffsetBounds {
             at: now,
             low: middle - error,
@@ -124,7 +125,8 @@ impl RemoteClock {
     pub(crate) fn local_time(&mut self, now: DroneTime, remote_ns: i64) -> Option<DroneTime> {
         let offset = self.best(now)?;
         let at = Time::from_nanos(remote_ns) + offset.middle();
-        let (age, error_s) = ((now - at).secs(), offset.error_s());
+        let age = (now - at).secs();
+        let error_s = offset.error_s();
         if age < -(STEPPED_S + error_s) {
             let before = self.stood_still(now).map_or(0.0, |(_, s)| s);
             self.stood_still = Some((now, before.max(-age)));
@@ -275,7 +277,8 @@ mod tests {
             for k in 0..20 {
                 ask(&mut c, 200.0 + 0.2 * f64::from(k), 0.001, 0.001);
             }
-            let (now, gap) = (DroneTime::from_secs(204.1), Span::from_secs(gap_s));
+            let now = DroneTime::from_secs(204.1);
+            let gap = Span::from_secs(gap_s);
             let remote = |now: DroneTime| (now + gap).nanos() - APART_NS;
             assert!(c.stood_still(now).is_none() && c.local_time(now, remote(now)).is_none());
             let found = c.stood_still(now).map_or(0.0, |(_, s)| s);

@@ -1,6 +1,7 @@
 //! Optional publication of the deck on the link, as `LANDING_TARGET` or as `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and as an array of numbers.
 
+use alight_shared::frames::wxyz;
 use alight_shared::mavlink::dialect::{
     DEBUG_FLOAT_ARRAY_DATA, LANDING_TARGET_DATA, LandingTargetType, MavBool, MavFrame,
 };
@@ -40,10 +41,12 @@ impl AutopilotLink {
         };
         let there = self.estimate.for_autopilot(&deck, self.firmware());
         let time_us = self.clock.remote_time_us(now, now);
-        let (position, velocity) = (there.position, there.velocity);
+        let position = there.position;
+        let velocity = there.velocity;
         let target = match self.firmware() {
             Some(Firmware::Px4) if self.config.deck_message == DeckMessage::Target => {
-                let (relative, absolute) = (self.target_relative(), self.target_absolute(now, &d, velocity));
+                let relative = self.target_relative();
+                let absolute = self.target_absolute(now, &d, velocity);
                 out.messages.extend(relative.map(MavlinkMessage::TargetRelative));
                 out.messages.extend(absolute.map(MavlinkMessage::TargetAbsolute));
                 None
@@ -68,7 +71,9 @@ impl AutopilotLink {
         // of the position (m).
         let values = [position, velocity, d.euler, d.euler_rates, d.position_sd];
         let numbers = array.data.iter_mut().zip(values.as_flattened());
-        numbers.for_each(|(to, value)| *to = *value as f32);
+        for (to, value) in numbers {
+            *to = *value as f32;
+        }
         // An autopilot would treat ODOMETRY as its own pose.
         out.send(MavMessage::DEBUG_FLOAT_ARRAY(array));
     }
@@ -94,7 +99,7 @@ impl AutopilotLink {
             x,
             y,
             z,
-            q: narrow(quaternion(attitude)),
+            q: narrow(wxyz(attitude)),
             size_x: size,
             size_y: size,
             mavtype: LandingTargetType::LANDING_TARGET_TYPE_VISION_FIDUCIAL,
@@ -111,7 +116,7 @@ impl AutopilotLink {
             time_us: own_us(state.header.at),
             position: (Vector3::from(deck.position) - state.position()).into(),
             position_sd: deck.position_sd,
-            attitude: quaternion(&attitude(&deck)),
+            attitude: wxyz(&attitude(&deck)),
             yaw_sd,
         })
     }
@@ -143,7 +148,8 @@ impl AutopilotLink {
         if !due {
             return;
         }
-        let (lat, lon) = (place.latitude_deg, place.longitude_deg);
+        let lat = place.latitude_deg;
+        let lon = place.longitude_deg;
         let command = CommandLong::new(
             peer.address,
             MavCmd::MAV_CMD_DO_SET_HOME,
@@ -162,7 +168,4 @@ fn own_us(at: DroneTime) -> u64 {
 fn attitude(d: &DeckStage) -> UnitQuaternion<f64> {
     let [roll, pitch, yaw] = d.euler;
     UnitQuaternion::from_euler_angles(roll, pitch, yaw)
-}
-fn quaternion(q: &UnitQuaternion<f64>) -> [f64; 4] {
-    [q.w, q.i, q.j, q.k]
 }

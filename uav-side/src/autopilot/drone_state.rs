@@ -2,7 +2,7 @@
 //! `ATTITUDE_QUATERNION`; both send inertial samples separately.
 
 use alight_shared::estimation::low_pass;
-use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::frames::{DroneNed, Vector, wxyz};
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, ODOMETRY_DATA};
@@ -92,7 +92,8 @@ fn rotation(q: [f64; 4]) -> Option<UnitQuaternion<f64>> {
 
 impl DroneStateAssembler {
     pub(crate) fn resume(&mut self, frames: u8, reported: Option<u8>) {
-        (self.frames, self.reported_resets) = (frames, reported);
+        self.frames = frames;
+        self.reported_resets = reported;
     }
     fn reject<T>(&mut self) -> Option<T> {
         self.rejected = self.rejected.saturating_add(1);
@@ -158,7 +159,8 @@ impl DroneStateAssembler {
         };
         let rates = wide(fields!(d, rollspeed pitchspeed yawspeed));
         // Upper triangles of 6 x 6 matrices, row by row; the first element of an unknown covariance is NaN.
-        let (p, v) = (wide(d.pose_covariance), wide(d.velocity_covariance));
+        let p = wide(d.pose_covariance);
+        let v = wide(d.velocity_covariance);
         let known = p[0].is_finite() && v[0].is_finite();
         let variances = [[p[0], p[6], p[11]], [p[15], p[18], p[20]], [v[0], v[6], v[11]]];
         self.state(
@@ -196,8 +198,10 @@ impl DroneStateAssembler {
             i.newest
         };
         let sampled = i.count > 0;
-        (i.sum, i.count) = (Vector3::zeros(), 0);
-        let ([x, y, z], [vx, vy, vz]) = (position, velocity);
+        i.sum = Vector3::zeros();
+        i.count = 0;
+        let [x, y, z] = position;
+        let [vx, vy, vz] = velocity;
         self.watch([x, y, z, vx, vy, vz], (at, accelerometer, reported), sampled);
         if self.frozen[0].is_some() {
             return self.reject();
@@ -212,7 +216,7 @@ impl DroneStateAssembler {
             frames: self.frames,
             position,
             velocity,
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&q),
             rates: rates.into(),
             specific_force: force.into(),
             position_sd: sd(variances.map(|v| v[0]), p),
@@ -235,7 +239,7 @@ impl DroneStateAssembler {
         if repeated(&mut self.place, place, now).is_some_and(moves) {
             self.frozen[0] = Some("position and velocity");
         }
-        if repeated(&mut self.turned, [q.w, q.i, q.j, q.k], now).is_some_and(moves) {
+        if repeated(&mut self.turned, wxyz(&q), now).is_some_and(moves) {
             self.frozen[0] = Some("attitude");
         }
         if !sampled {
@@ -404,7 +408,8 @@ impl DroneEstimate {
     /// Height of the feet above the deck, m, speed relative to the deck, and separation speed along its
     /// normal, m/s.
     pub(super) fn relative_to(&self, now: DroneTime, deck: Option<DeckStage>) -> Option<(f64, f64, f64)> {
-        let (state, deck) = (self.fresh(now)?, deck?);
+        let state = self.fresh(now)?;
+        let deck = deck?;
         let height = deck.height_of(&state.position()) - self.feet_below_m;
         let speed = (state.velocity() - Vector3::from(deck.velocity)).norm();
         Some((height, speed, deck.speed_away(&state.velocity())))
@@ -430,15 +435,16 @@ mod tests {
     use super::super::message::narrow;
     use super::*;
     use MavFrame::{MAV_FRAME_BODY_FRD, MAV_FRAME_LOCAL_NED};
+    use alight_shared::frames::yaw_rotation;
 
     fn t(s: f64) -> DroneTime {
         DroneTime::from_secs(s)
     }
     fn report(x: f64, child_frame_id: MavFrame, reset_counter: u8) -> ODOMETRY_DATA {
-        let q = UnitQuaternion::from_euler_angles(0.0, 0.0, core::f64::consts::FRAC_PI_2);
+        let q = yaw_rotation(core::f64::consts::FRAC_PI_2);
         ODOMETRY_DATA {
             x: x as f32,
-            q: narrow([q.w, q.i, q.j, q.k]),
+            q: narrow(wxyz(&q)),
             vx: 1.0,
             child_frame_id,
             pose_covariance: [f32::NAN; 21],
@@ -488,12 +494,14 @@ mod tests {
     /// Number of accepted states of a moving drone when one quantity freezes after 1 s, and the resulting
     /// texts.
     fn states(froze: [bool; 3]) -> (u32, Vec<String>) {
-        let (mut f, mut taken, mut news) = (DroneStateAssembler::default(), 0, Vec::new());
+        let mut f = DroneStateAssembler::default();
+        let mut taken = 0;
+        let mut news = Vec::new();
         for k in 0..200_u32 {
             let at = |frozen: bool| 0.01 * f64::from(if frozen { k.min(100) } else { k });
             let q = UnitQuaternion::from_euler_angles(0.1 * at(froze[1]), 0.0, 0.0);
             let report = ODOMETRY_DATA {
-                q: narrow([q.w, q.i, q.j, q.k]),
+                q: narrow(wxyz(&q)),
                 vx: at(froze[0]) as f32,
                 ..report(at(froze[0]), MAV_FRAME_LOCAL_NED, 0)
             };

@@ -11,10 +11,9 @@
 use alight_shared::msg::AutopilotMode;
 use alight_shared::time::Span;
 
-use super::AutopilotOut;
-use super::DroneTime;
 use super::message::{CommandLong, severity};
 use super::peer::MavlinkPeer;
+use super::{AutopilotOut, DroneTime};
 
 /// Maximum time between the mode change and its evidence: PX4's heartbeat comes once a second.
 const EVIDENT_WITHIN: Span = Span::from_millis(1100);
@@ -132,7 +131,8 @@ mod tests {
         peer.parameters.on_version([1, 16]);
         let value: ParameterValue = Firmware::Px4.parameter_value(action, true);
         peer.parameters.received("NAV_RCL_ACT", value);
-        (peer.armed, peer.mode) = (true, AutopilotMode::Offboard);
+        peer.armed = true;
+        peer.mode = AutopilotMode::Offboard;
         let mut monitor = FailsafeMonitor::default();
         let mut out = AutopilotOut::default();
         for k in 0..150 {

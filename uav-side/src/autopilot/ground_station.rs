@@ -152,9 +152,10 @@ impl GroundReports {
                 return stopped.then(|| status_text(severity::WARNING, STOPPED_LOW));
             }
         }
-        let severity = match m.waits_in_trouble() {
-            true => severity::WARNING,
-            false => severity::INFO,
+        let severity = if m.waits_in_trouble() {
+            severity::WARNING
+        } else {
+            severity::INFO
         };
         Some(status_text(severity, &format!("Waits: {}", m.waiting)))
     }

@@ -37,7 +37,9 @@ impl HeadingAlignment {
         self.was_aligned |= aligned;
     }
     pub(crate) fn watch(&mut self, d: &DroneState) {
-        let (at, q, rates) = (d.header.at, d.attitude(), Vector3::from(d.rates));
+        let at = d.header.at;
+        let q = d.attitude();
+        let rates = Vector3::from(d.rates);
         let jumped = self.last.is_some_and(|(then, before, turned)| {
             yaw_jump((&before, turned), (&q, rates), (at - then).secs()).is_some()
         });
@@ -72,16 +74,16 @@ impl HeadingAlignment {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::frames::{wxyz, yaw_rotation};
     use alight_shared::msg::Header;
 
     fn at(s: f64) -> DroneTime {
         DroneTime::from_secs(s)
     }
     fn state(s: f64, yaw: f64) -> DroneState {
-        let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
         DroneState {
             header: Header::new(1, 1, 1, 1, at(s)),
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&yaw_rotation(yaw)),
             ..DroneState::default()
         }
     }
@@ -94,7 +96,9 @@ mod tests {
             at(1.0),
             Flags::ESTIMATOR_ATTITUDE | Flags::ESTIMATOR_POS_VERT_ABS | Flags::ESTIMATOR_CONST_POS_MODE,
         );
-        (0..2000).for_each(|k| h.watch(&state(1.0 + 0.01 * f64::from(k), 0.3)));
+        for k in 0..2000 {
+            h.watch(&state(1.0 + 0.01 * f64::from(k), 0.3));
+        }
         assert!(!h.was_aligned() && !h.is_aligned(at(2.0)));
         h.status(
             at(21.0),
@@ -115,7 +119,9 @@ mod tests {
             h.watch(&state(s, yaw(s)));
             assert!(!h.was_aligned(), "{s}");
         }
-        (1390..1410).for_each(|k| h.watch(&state(0.01 * f64::from(k), 2.0)));
+        for k in 1390..1410 {
+            h.watch(&state(0.01 * f64::from(k), 2.0));
+        }
         assert!(h.was_aligned() && h.is_aligned(at(14.1)));
     }
 }

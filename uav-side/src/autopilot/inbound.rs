@@ -1,8 +1,7 @@
 //! Inbound messages: heartbeats, clocks, samples and answers.
 
 use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::fields;
-use alight_shared::mavlink::{self, EKF_STATUS_REPORT, Message as _, MessageData as _, dialect as m};
+use alight_shared::mavlink::{self, EKF_STATUS_REPORT, Message as _, MessageData as _, dialect as m, fields};
 use alight_shared::msg::{CommandKind, DroneState, LandedState};
 use alight_shared::time::Span;
 
@@ -110,7 +109,8 @@ impl AutopilotLink {
             M::DISTANCE_SENSOR(d) => self.on_distance(now, d, out),
             M::LOCAL_POSITION_NED(d) => {
                 if let Some(at) = self.clock.local_time(now, millis(d.time_boot_ms)) {
-                    let (position, velocity) = (wide(fields!(d, x y z)), wide(fields!(d, vx vy vz)));
+                    let position = wide(fields!(d, x y z));
+                    let velocity = wide(fields!(d, vx vy vz));
                     let state = self.estimate.assembler.position(at, position, velocity, c);
                     self.on_odometry(now, state, out);
                 }
@@ -162,10 +162,8 @@ impl AutopilotLink {
             }
             M::COMMAND_ACK(d) => self.on_answer(now, d, out),
             M::SYS_STATUS(d) => {
-                let (present, healthy) = (
-                    d.onboard_control_sensors_present,
-                    d.onboard_control_sensors_health,
-                );
+                let present = d.onboard_control_sensors_present;
+                let healthy = d.onboard_control_sensors_health;
                 self.operators.switch.on_status(now, present, healthy);
             }
             M::ESTIMATOR_STATUS(d) => self.estimate.heading.status(now, d.flags),
@@ -209,12 +207,14 @@ impl AutopilotLink {
         is(to.system, own.system) && is(to.component, own.component)
     }
     fn on_answer(&mut self, now: DroneTime, d: &m::COMMAND_ACK_DATA, out: &mut AutopilotOut) {
-        let (command, result) = (d.command, d.result);
+        let command = d.command;
+        let result = d.result;
         if !self.is_addressed(Address::new(d.target_system, d.target_component)) {
             return;
         }
         let Some(peer) = &mut self.peer else { return };
-        let (departure, d) = (&mut self.commands.departure, &self.disarm);
+        let departure = &mut self.commands.departure;
+        let d = &self.disarm;
         if command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM
             && result == MavResult::MAV_RESULT_ACCEPTED
             && departure.accepted(now)
@@ -341,7 +341,8 @@ impl AutopilotLink {
 
     /// System number of another vehicle's autopilot, if none is configured.
     pub(super) fn other_autopilot(&self, now: DroneTime) -> Option<u8> {
-        let (own, (at, system)) = (self.peer.as_ref()?.address.system, self.others.autopilot?);
+        let own = self.peer.as_ref()?.address.system;
+        let (at, system) = self.others.autopilot?;
         let recent = (now - at).secs() <= OTHER_AFTER_S;
         (recent && system != own).then_some(system)
     }
@@ -359,7 +360,8 @@ impl AutopilotLink {
                 return false;
             }
             peer => {
-                let (c, attitudes) = (&self.config, self.stream.attitudes);
+                let c = &self.config;
+                let attitudes = self.stream.attitudes;
                 *peer = Some(MavlinkPeer::new(from, firmware, now, c, attitudes));
                 self.authority.forget();
                 self.clock.forget();
@@ -379,8 +381,10 @@ impl AutopilotLink {
         let up = |p: &MavlinkPeer| p.armed && p.landed(now) != LandedState::OnGround;
         let flies = self.peer.as_ref().is_some_and(up) && !self.may_touch(now);
         let thrust = self.applied_thrust(now).filter(|_| flies);
-        let (firmware, c) = (self.firmware(), &self.config);
-        let (inputs, headers) = (&self.inputs, &mut self.headers);
+        let firmware = self.firmware();
+        let c = &self.config;
+        let inputs = &self.inputs;
+        let headers = &mut self.headers;
         let state = (self.estimate).step(now, reported, inputs, thrust, firmware, c, headers);
         out.odometry.extend(state);
     }

@@ -98,7 +98,8 @@ impl LinkInputs {
         mission.filter(|m| self.looks_on() && m.state.phase() != Phase::None)?;
         let wanted = (self.fresh_set_point(now)).filter(|s| s.kind != SetPointKind::None)?;
         let own = own?;
-        let (attitude, down) = (wanted.attitude(), Vector3::z());
+        let attitude = wanted.attitude();
+        let down = Vector3::z();
         let (roll, pitch, _) = attitude.euler_angles();
         Some(ShadowComparison {
             tilt: [roll, pitch],
@@ -122,7 +123,8 @@ mod tests {
             velocity: [2.0, 1.0, 0.3],
             ..DeckStage::default()
         };
-        let (mut inputs, now) = (LinkInputs::default(), DroneTime::EPOCH);
+        let mut inputs = LinkInputs::default();
+        let now = DroneTime::EPOCH;
         assert_eq!(inputs.followed_deck(now), None);
         inputs.forecast.offer(now, &forecast(header(1, now), moving));
         inputs

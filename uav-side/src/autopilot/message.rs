@@ -6,8 +6,7 @@ use alight_shared::mavlink::dialect::{self as m, MavParamType};
 pub use alight_shared::mavlink::dialect::{
     MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavType,
 };
-use alight_shared::mavlink::fields;
-use alight_shared::mavlink::{self, CharArray};
+use alight_shared::mavlink::{self, CharArray, fields};
 use serde::{Deserialize, Serialize};
 
 use super::place_report::AisReport;
@@ -56,7 +55,9 @@ impl CommandLong {
     /// Command with these first parameters; the others are zero.
     pub fn new<const N: usize>(to: Address, command: MavCmd, first: [f64; N]) -> CommandLong {
         let mut parameters = [0.0; 7];
-        parameters.iter_mut().zip(first).for_each(|(p, v)| *p = v);
+        for (p, v) in parameters.iter_mut().zip(first) {
+            *p = v;
+        }
         CommandLong {
             to,
             command,
@@ -299,7 +300,9 @@ pub fn text<const N: usize>(t: &CharArray<N>) -> String {
 }
 pub fn chars<const N: usize>(t: &str) -> CharArray<N> {
     let mut bytes = [0; N];
-    bytes.iter_mut().zip(t.bytes()).for_each(|(b, c)| *b = c);
+    for (b, c) in bytes.iter_mut().zip(t.bytes()) {
+        *b = c;
+    }
     CharArray::new(bytes)
 }
 

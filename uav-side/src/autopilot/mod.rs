@@ -68,7 +68,7 @@ use alight_shared::msg::{
     RtcmFrames, SetPoint, SettingsOrder, State,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use serde::{Deserialize, Serialize};
 
 use crate::odometry::OdometryConfig;
@@ -90,8 +90,6 @@ use moving_base::{MovingBase, RtcmTarget};
 use outbound::{LinkCommands, SetPointStream};
 use own_mission::OwnMissionSequence;
 use peer::MavlinkPeer;
-
-type DroneTime = Time<DroneClock>;
 
 pub const MAX_FRAMES: usize = 512;
 const MAX_TEXTS: usize = 8;
@@ -246,7 +244,8 @@ impl AutopilotLink {
             estimate: DroneEstimate::new(odometry, geometry, config.hover_thrust),
             ..AutopilotLink::default()
         };
-        (link.headers.drone_id, link.headers.boot) = (drone_id, boot);
+        link.headers.drone_id = drone_id;
+        link.headers.boot = boot;
         link.stream.attitudes = attitudes;
         link
     }
@@ -290,7 +289,8 @@ impl AutopilotLink {
         self.applied_thrust(now).map(|t| t / self.estimate.hover.value())
     }
     fn evidence(&self, now: DroneTime, heartbeat: bool) -> AuthorityEvidence {
-        let (p, e) = (self.peer.as_ref(), &self.estimate);
+        let p = self.peer.as_ref();
+        let e = &self.estimate;
         let recent = |at: DroneTime, s: f64| (now - at).secs() <= s;
         AuthorityEvidence {
             found: p.is_some(),
@@ -347,7 +347,8 @@ impl AutopilotLink {
         }
         self.timers.state.restart(now, STATE);
         let header = self.headers.next(Output::State, now);
-        let (origin, hover) = (&self.estimate.origin, &self.estimate.hover);
+        let origin = &self.estimate.origin;
+        let hover = &self.estimate.hover;
         let p = self.peer.as_ref()?;
         let ours = self.control_authority().has_the_mode();
         let learned = hover.is_learned(self.config.hover_thrust_s);
@@ -469,7 +470,8 @@ impl Node for AutopilotLink {
             if let Some(peer) = &self.peer {
                 self.failsafe.ask(now, peer, &mut out);
                 let peer = (peer, self.authority.control_authority());
-                let (mission, pause) = (self.inputs.fresh_mission(now), &mut self.commands.pause);
+                let mission = self.inputs.fresh_mission(now);
+                let pause = &mut self.commands.pause;
                 self.own_mission.command(now, peer, own, mission, pause, &mut out);
             }
             self.send_home(now, &mut out);

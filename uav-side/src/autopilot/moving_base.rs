@@ -8,9 +8,8 @@
 use alight_shared::estimation::{Rollover, SourceClock};
 use alight_shared::mavlink::dialect::{GPS_RTCM_DATA_DATA, MavMessage};
 use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrames};
-use alight_shared::rtcm;
 use alight_shared::time::{DroneClock, Span};
-use alight_shared::topics;
+use alight_shared::{rtcm, topics};
 
 use super::message::severity;
 use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
@@ -86,9 +85,9 @@ impl MovingBase {
                     return false;
                 };
                 self.sequence = self.sequence.wrapping_add(1);
-                parts
-                    .into_iter()
-                    .for_each(|part| out.send(MavMessage::GPS_RTCM_DATA(part)));
+                for part in parts {
+                    out.send(MavMessage::GPS_RTCM_DATA(part));
+                }
             }
             RtcmTarget::Nothing => return false,
         }
@@ -157,11 +156,9 @@ fn fragments(frame: &[u8], sequence: u8) -> Option<Vec<GPS_RTCM_DATA_DATA>> {
             len: part.len() as u8,
             ..GPS_RTCM_DATA_DATA::DEFAULT
         };
-        message
-            .data
-            .iter_mut()
-            .zip(part)
-            .for_each(|(to, byte)| *to = *byte);
+        for (to, byte) in message.data.iter_mut().zip(part) {
+            *to = *byte;
+        }
         message
     };
     if frame.len() <= FRAGMENT_BYTES {
@@ -227,7 +224,8 @@ impl RelativeReports {
         if newest == self.reported || self.at.is_some_and(|at| now - at < TEXT_PAUSE) {
             return None;
         }
-        (self.reported, self.at) = (newest, Some(now));
+        self.reported = newest;
+        self.at = Some(now);
         let severity = match newest {
             ReportedRelative::Fixed => severity::INFO,
             ReportedRelative::Lost | ReportedRelative::Contradicted => severity::WARNING,

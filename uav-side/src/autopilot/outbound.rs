@@ -1,6 +1,7 @@
 //! Outbound set-points from the pilot node, and commands to disarm, divert and arm.
 
 use alight_shared::admission::Periodic;
+use alight_shared::frames::wxyz;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{
@@ -198,7 +199,8 @@ impl AutopilotLink {
                 Some(thrust_off)
             }
             DisarmDecision::Idle => {
-                (self.disarm.inhibited, self.stream.held) = (None, None);
+                self.disarm.inhibited = None;
+                self.stream.held = None;
                 Some(thrust_off)
             }
             DisarmDecision::InAir(inhibit) => {
@@ -331,9 +333,9 @@ impl AutopilotLink {
 
     /// Attitude of the forecast deck in the drone's heading. A drone that is pressed down in the tilt of a hold slides.
     fn aligned(&self, now: DroneTime) -> Option<[f64; 4]> {
-        let (state, deck) = (self.estimate.fresh(now)?, self.inputs.deck(now)?);
-        let q = attitude_of_thrust(&deck.normal(), state.euler().z);
-        Some([q.w, q.i, q.j, q.k])
+        let state = self.estimate.fresh(now)?;
+        let deck = self.inputs.deck(now)?;
+        Some(wxyz(&attitude_of_thrust(&deck.normal(), state.euler().z)))
     }
 
     /// Hold slightly above the position of the first call. While the forecast is fresh, it moves with the
@@ -357,7 +359,8 @@ impl AutopilotLink {
             held.place = c + r;
             velocity = d.velocity;
             if held.place.z > highest {
-                (held.place.z, velocity[2]) = (highest, 0.0);
+                held.place.z = highest;
+                velocity[2] = 0.0;
             }
         }
         let stage = PlanStage {

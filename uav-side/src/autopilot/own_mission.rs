@@ -92,7 +92,9 @@ impl OwnMissionMonitor {
     }
     pub(super) fn step(&mut self, armed: bool, flies: bool, mode: AutopilotMode) -> OwnMission {
         if !armed {
-            (self.began, self.own, self.reached_last) = (false, false, false);
+            self.began = false;
+            self.own = false;
+            self.reached_last = false;
         }
         if armed && flies && !self.is_complete() {
             self.began = true;
@@ -126,7 +128,8 @@ impl OwnMissionSequence {
         }
         // No other mode has followed the active mission, so Hold means that the mission is complete.
         if m.own_mission {
-            (self.monitor.began, self.monitor.own) = (true, true);
+            self.monitor.began = true;
+            self.monitor.own = true;
         }
     }
 
@@ -232,26 +235,27 @@ mod tests {
 
     #[test]
     fn mission_done_and_held_by_px4_or_by_a_pilot() {
+        use OwnMission::{Done, Flies, None as No};
         let hold = Some(AutopilotMode::Hold);
         let mut m = OwnMissionMonitor::default();
-        m.current(Firmware::Px4, &current(4, ACTIVE));
-        assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, &current(4, PAUSED));
-        assert_eq!(armed(&mut m, hold), OwnMission::None);
-        m.current(Firmware::Px4, &current(4, ACTIVE));
-        assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, &current(4, COMPLETE));
-        assert_eq!(armed(&mut m, hold), OwnMission::Done);
-        // The pilot's Hold does not complete the mission.
-        assert_eq!(armed(&mut m, Some(AutopilotMode::Other)), OwnMission::None);
-        assert_eq!(armed(&mut m, hold), OwnMission::None);
-        assert_eq!(m.step(false, false, AutopilotMode::Hold), OwnMission::None);
+        for (reported, mode, expected) in [
+            (ACTIVE, None, Flies),
+            (PAUSED, hold, No),
+            (ACTIVE, None, Flies),
+            (COMPLETE, hold, Done),
+            // The pilot's Hold does not complete the mission.
+            (COMPLETE, Some(AutopilotMode::Other), No),
+            (COMPLETE, hold, No),
+        ] {
+            m.current(Firmware::Px4, &current(4, reported));
+            assert_eq!(armed(&mut m, mode), expected);
+        }
+        assert_eq!(m.step(false, false, AutopilotMode::Hold), No);
         // In the next flight a mission still reported as complete has not started yet.
-        assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, &current(4, ACTIVE));
-        assert_eq!(armed(&mut m, None), OwnMission::Flies);
-        m.current(Firmware::Px4, &current(4, COMPLETE));
-        assert_eq!(armed(&mut m, None), OwnMission::Done);
+        for (reported, expected) in [(COMPLETE, Flies), (ACTIVE, Flies), (COMPLETE, Done)] {
+            m.current(Firmware::Px4, &current(4, reported));
+            assert_eq!(armed(&mut m, None), expected);
+        }
     }
 
     #[test]

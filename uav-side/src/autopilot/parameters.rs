@@ -166,7 +166,9 @@ impl Parameters {
     pub fn read_again(&mut self) {
         self.version = None;
         self.version_inquiry = Inquiry::new(self.next);
-        self.items.iter_mut().for_each(|i| i.old = true);
+        for i in &mut self.items {
+            i.old = true;
+        }
     }
     /// Next due request: the version, an unreported parameter, or an unsuitable one at intervals.
     pub fn ask(&mut self, now: DroneTime, to: Address) -> Option<MavlinkMessage> {

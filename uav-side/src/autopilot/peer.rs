@@ -94,7 +94,8 @@ impl MavlinkPeer {
     }
     /// The autopilot has accepted our arming command; its next heartbeat may be a second away.
     pub(crate) fn arming_accepted(&mut self, now: DroneTime) {
-        (self.armed, self.arming_accepted) = (true, Some(now));
+        self.armed = true;
+        self.arming_accepted = Some(now);
     }
     pub(crate) fn on_mode(&mut self, custom_mode: u32) {
         self.mode = self.firmware.mode(custom_mode);
@@ -178,13 +179,10 @@ impl MavlinkPeer {
             .any(|(at, b)| b.charge.is_some() && now - *at > BATTERY_STALE);
         let news = lost != self.battery_lost;
         self.battery_lost = lost;
-        news.then(|| match lost {
-            true => format!(
+        news.then(|| if lost { format!(
                 "{} no longer reports its battery (BATTERY_STATUS): the charge is extrapolated from the last report",
                 self.firmware.name()
-            ),
-            false => format!("{} reports its battery again", self.firmware.name()),
-        })
+            ) } else { format!("{} reports its battery again", self.firmware.name()) })
     }
     pub(crate) fn thrust(&mut self, now: DroneTime, thrust: f64) {
         if (0.0..=1.0).contains(&thrust) {

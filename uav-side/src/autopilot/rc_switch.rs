@@ -77,7 +77,8 @@ impl RcSwitch {
         healthy: MavSysStatusSensor,
     ) {
         if (present & healthy).contains(MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER) {
-            (self.healthy_at, self.lost) = (Some(now), false);
+            self.healthy_at = Some(now);
+            self.lost = false;
         } else if self.healthy_at.is_some() {
             self.lost = true;
             self.forget();
@@ -131,7 +132,9 @@ impl RcSwitch {
         self.lost
     }
     fn forget(&mut self) {
-        (self.position, self.candidate, self.received_at) = (None, None, None);
+        self.position = None;
+        self.candidate = None;
+        self.received_at = None;
     }
     /// Whether the switch aborts or is on abort, so that no landing is accepted.
     pub(super) fn bars(&self) -> bool {
@@ -204,7 +207,9 @@ mod tests {
     /// Commands given by a switch with these pulses (us; 0: none) and durations (s) at 10 Hz. With
     /// `reports_health`, the receiver's health is reported at 5 Hz.
     fn commands(reports_health: bool, course: &[(u16, f64)]) -> Vec<CommandKind> {
-        let (mut switch, mut now_s, mut all) = (RcSwitch::default(), 100.0, Vec::new());
+        let mut switch = RcSwitch::default();
+        let mut now_s = 100.0;
+        let mut all = Vec::new();
         for &(pulse_us, for_s) in course {
             for k in 0..(10.0 * for_s) as u32 {
                 now_s += 0.1;
@@ -274,7 +279,8 @@ mod tests {
         // The receiver sets the channel to high a second before the loss is reported.
         let mut switch = RcSwitch::default();
         for k in 0..100 {
-            let (now, high) = (at(0.1 * f64::from(k)), k >= 30);
+            let now = at(0.1 * f64::from(k));
+            let high = k >= 30;
             let healthy = if k >= 40 { NONE } else { RECEIVER };
             switch.on_status(now, RECEIVER, healthy);
             let given = switch.on_channels(now, CHANNEL, &channels(if high { 2000 } else { 1500 }));

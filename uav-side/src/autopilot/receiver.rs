@@ -156,7 +156,9 @@ mod tests {
     }
     fn decoded(bytes: &[u8], cut: usize) -> Vec<RelativeReport> {
         let mut decoder = ReceiverDecoder::default();
-        bytes.chunks(cut).for_each(|part| decoder.push(part));
+        for part in bytes.chunks(cut) {
+            decoder.push(part);
+        }
         core::iter::from_fn(|| decoder.next_report()).collect()
     }
 

@@ -73,12 +73,15 @@ impl RotorOutputs {
         if !armed {
             let begun = || AtRest::begun(now, pulses);
             at_rest.get_or_insert_with(begun).update(now, pulses);
-            (self.armed_at, self.before, self.follow) = (None, None, false);
+            self.armed_at = None;
+            self.before = None;
+            self.follow = false;
             return;
         }
         // A link that starts with an armed autopilot does not know the values at rest.
         let Some(at_rest) = at_rest else { return };
-        (self.newest, self.armed_at) = (Some(now), self.armed_at.or(Some(now)));
+        self.newest = Some(now);
+        self.armed_at = self.armed_at.or(Some(now));
         let mut rises = [0.0; OUTPUTS];
         for ((rise, rest), pulse) in rises.iter_mut().zip(&mut at_rest.pulses).zip(pulses) {
             if *rest == 0 {

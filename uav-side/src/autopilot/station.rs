@@ -146,7 +146,8 @@ impl StationOrders {
         asked: &StationCommand,
         [barred, counts]: [bool; 2],
     ) -> CommandOutcome {
-        let (number, repetition) = (asked.number, asked.repetition);
+        let number = asked.number;
+        let repetition = asked.repetition;
         let kind = match asked.ordered() {
             Ok(kind) if counts || kind == CommandKind::Abort => kind,
             Ok(_) => return CommandOutcome::Rejected(MavResult::MAV_RESULT_DENIED, UNSIGNED),

@@ -187,7 +187,8 @@ impl StationParameters {
             return polled;
         }
         let text = |p: &StationParameter| {
-            let (name, station) = (p.name(), under_way.station);
+            let name = p.name();
+            let station = under_way.station;
             if is_taken {
                 let value = p.shown(settings);
                 let text = format!("ground station {station} sets {name} to {value}");
@@ -282,7 +283,8 @@ impl AutopilotLink {
         let Some(mission) = self.inputs.mission.get().filter(|_| self.peer.is_some()) else {
             return;
         };
-        let (polled, settings) = (self.operators.parameters.poll(now, mission), mission.settings);
+        let polled = self.operators.parameters.poll(now, mission);
+        let settings = mission.settings;
         out.settings = polled.order;
         let values = polled.values.iter().map(|p| p.message(&settings));
         out.messages.extend(values);
@@ -357,7 +359,8 @@ mod tests {
 
     #[test]
     fn settings_until_the_mission_shows_them() {
-        let (mut parameters, before) = (StationParameters::default(), configured());
+        let mut parameters = StationParameters::default();
+        let before = configured();
         assert_eq!(poll(&mut parameters, 9.9, &before), Polled::default());
         let first = StationParameter::Mode.changed(&before, 1.0).unwrap();
         parameters.begin(order(10.0, first), 255, StationParameter::Mode);
@@ -384,7 +387,8 @@ mod tests {
 
     #[test]
     fn settings_that_the_mission_does_not_take() {
-        let (mut parameters, before) = (StationParameters::default(), configured());
+        let mut parameters = StationParameters::default();
+        let before = configured();
         let wanted = StationParameter::Mode.changed(&before, 0.0).unwrap();
         parameters.begin(order(10.0, wanted), 255, StationParameter::Mode);
         let mut last = Polled::default();
@@ -406,7 +410,8 @@ mod tests {
 
     #[test]
     fn settings_shown_before_they_were_ordered() {
-        let (mut parameters, before) = (StationParameters::default(), configured());
+        let mut parameters = StationParameters::default();
+        let before = configured();
         let other = StationParameter::ApproachHeight.changed(&before, 12.0).unwrap();
         parameters.begin(order(10.0, other), 255, StationParameter::ApproachHeight);
         assert!(poll(&mut parameters, 10.0, &before).order.is_some());

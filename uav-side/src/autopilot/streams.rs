@@ -160,7 +160,9 @@ mod tests {
         let mut all = Vec::new();
         for k in 0..(seconds * 100.0) as u32 {
             let now = Time::from_secs(from_s + 0.01 * f64::from(k));
-            sent.iter().for_each(|i| s.received(*i));
+            for i in sent {
+                s.received(*i);
+            }
             if let Some(c) = s.ask(now, TO) {
                 all.push(c.parameters[0] as u32);
                 s.answered(now, answer);

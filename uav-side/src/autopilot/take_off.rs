@@ -87,7 +87,8 @@ impl AutopilotLink {
         let Some(state) = self.inputs.fresh_state(now) else {
             return false;
         };
-        let (authority, lost) = (self.control_authority(), self.stream.loss.is_lost());
+        let authority = self.control_authority();
+        let lost = self.stream.loss.is_lost();
         match state {
             State::SpinUp | State::TakeOff | State::StandDown => {
                 authority.may_offer() || authority == ControlAuthority::Disarmed
@@ -195,7 +196,8 @@ impl AutopilotLink {
         let streamed = now - since >= STREAMS;
         let may = authority == ControlAuthority::Disarmed && streamed && d.arms < ARM_TRIES;
         if may && d.next.is_due_spaced(now, PAUSE) {
-            (d.arms, d.armed) = (d.arms + 1, true);
+            d.arms += 1;
+            d.armed = true;
             out.send(CommandLong::new(
                 peer.address,
                 MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
@@ -206,7 +208,8 @@ impl AutopilotLink {
 
     fn disarm_stopped(&mut self, now: DroneTime, out: &mut AutopilotOut) {
         let Some(peer) = &self.peer else { return };
-        let (armed, ours) = (peer.armed, peer.mode == AutopilotMode::Offboard);
+        let armed = peer.armed;
+        let ours = peer.mode == AutopilotMode::Offboard;
         let stands_down = self.inputs.fresh_state(now) == Some(State::StandDown);
         if !armed && !stands_down {
             // An arming command may still be unanswered.

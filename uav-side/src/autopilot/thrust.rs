@@ -83,7 +83,8 @@ impl SentThrust {
     pub(crate) fn sent(&mut self, now: DroneTime, low: bool) {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);
         let since = self.low_since.filter(|_| streams).unwrap_or(now);
-        (self.at, self.low_since) = (Some(now), low.then_some(since));
+        self.at = Some(now);
+        self.low_since = low.then_some(since);
     }
     pub(crate) fn is_low(&self, now: DroneTime) -> bool {
         let streams = self.at.is_some_and(|at| (now - at).secs() <= STREAM_S);

@@ -20,7 +20,7 @@ pub use alight_shared::estimation::ValueWithSd;
 use alight_shared::estimation::quantile;
 use alight_shared::frames::body_from_camera;
 use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime};
 use alight_shared::vessel_model::{PITCH, ROLL, YAW};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
@@ -168,7 +168,7 @@ pub struct DeckCalibration {
     /// Decimation: one of `every` estimates is kept.
     every: usize,
     count: usize,
-    newest: Option<Time<DroneClock>>,
+    newest: Option<DroneTime>,
     tags: Vec<(Matrix3<f64>, Vector3<f64>)>,
 }
 
@@ -189,7 +189,9 @@ impl DeckCalibration {
     pub fn armed(&mut self) {
         self.samples.clear();
         self.tags.clear();
-        (self.every, self.count, self.newest) = (1, 0, None);
+        self.every = 1;
+        self.count = 0;
+        self.newest = None;
     }
     pub fn drone(&mut self, state: &DroneState) {
         let newer = self.track.newest().is_none_or(|s| state.header.at > s.header.at);
@@ -250,10 +252,16 @@ impl DeckCalibration {
     }
     /// Processes one step of predictor input. `stands`: whether the drone stands disarmed.
     pub fn take(&mut self, input: &PredictorIn, stands: bool) {
-        input.drone.iter().for_each(|s| self.drone(s));
+        if let Some(s) = &input.drone {
+            self.drone(s);
+        }
         if stands {
-            input.estimate.iter().for_each(|e| self.estimate(e));
-            input.tags.iter().for_each(|m| self.tag(m));
+            if let Some(e) = &input.estimate {
+                self.estimate(e);
+            }
+            for m in &input.tags {
+                self.tag(m);
+            }
         }
     }
     /// Number of collected estimates, and their time span in s.
@@ -381,8 +389,10 @@ impl DeckCalibration {
 
     /// Vessel attitude and foot position relative to their means over [`SLOW_S`].
     fn fast(&self) -> Vec<(Matrix3<f64>, Vector3<f64>)> {
-        let (mut first, mut last) = (0, 0);
-        let (mut a, mut y) = (Matrix3::zeros(), Vector3::zeros());
+        let mut first = 0;
+        let mut last = 0;
+        let mut a = Matrix3::zeros();
+        let mut y = Vector3::zeros();
         self.samples
             .iter()
             .map(|p| {

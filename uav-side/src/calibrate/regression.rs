@@ -120,7 +120,9 @@ mod tests {
         let often: Vec<_> = distinct.iter().flat_map(|v| [Vector3::repeat(*v); 10]).collect();
         let once: Vec<_> = distinct.iter().map(|v| Vector3::repeat(*v)).collect();
         let sd = |s: &[Vector3<f64>], lags| mean(s, lags).unwrap().1[(0, 0)].sqrt();
-        let (naive, fair, expected) = (sd(&often, 0), sd(&often, 20), sd(&once, 0));
+        let naive = sd(&often, 0);
+        let fair = sd(&often, 20);
+        let expected = sd(&once, 0);
         assert!(naive < 0.4 * expected, "{naive} {expected}");
         assert!((fair / expected - 1.0).abs() < 0.3, "{fair} {expected}");
     }

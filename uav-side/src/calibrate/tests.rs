@@ -1,4 +1,6 @@
+use alight_shared::frames::{wxyz, yaw_rotation};
 use alight_shared::msg::{Header, f16};
+use alight_shared::time::Time;
 
 use super::*;
 
@@ -16,19 +18,19 @@ fn stood(
     for k in 0..(seconds * 100.0) as u32 {
         let t = 5.0 + f64::from(k) * 0.01;
         let at = Time::from_secs(t);
-        let (roll, pitch) = (rocking * (1.3 * t).sin(), rocking * (1.1 * t).cos());
+        let roll = rocking * (1.3 * t).sin();
+        let pitch = rocking * (1.1 * t).cos();
         let vessel = UnitQuaternion::from_euler_angles(roll, pitch, 0.4);
         let (moved, turned) = away(t);
-        let attitude = vessel * UnitQuaternion::from_euler_angles(0.0, 0.0, 0.2 + turned);
+        let attitude = vessel * yaw_rotation(0.2 + turned);
         let n = |c: u32| (f64::from(k * c) * 0.754_877_666_246_693).fract() - 0.5;
         let noise = Vector3::new(n(1), n(3), n(7)) * 0.05;
         let feet = vessel * (r + moved) + bias + noise;
         let position = feet - attitude * Vector3::z() * config.drone.feet_below_m;
-        let q = attitude.quaternion();
         calibration.drone(&DroneState {
             header: Header::new(1, 1, 1, k, at),
             position: position.into(),
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&attitude),
             ..DroneState::default()
         });
         if k % 3 == 0 {

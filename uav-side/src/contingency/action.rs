@@ -133,14 +133,16 @@ mod tests {
         softer: bool,
         holds: bool,
     ) -> ContingencyAction {
-        let (header, drone) = (header(1, Time::from_secs(10.0)), DroneGeometry::default());
+        let header = header(1, Time::from_secs(10.0));
+        let drone = DroneGeometry::default();
         let f = forecast(header, |_| level([0.0, 0.0, -1.3]));
         let body = Body {
             position: Vector3::new(0.0, 0.0, -1.3 - drone.feet_below_m - clearance),
             velocity: Vector3::zeros(),
             attitude: UnitQuaternion::identity(),
         };
-        let (autopilot, mission) = (airborne(header), mission(header, state, 0.5));
+        let autopilot = airborne(header);
+        let mission = mission(header, state, 0.5);
         let below = DeckBelow::of(header.at, &f, &body, &drone);
         let known = ContingencyInput {
             autopilot: Some(&autopilot),

@@ -4,7 +4,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::landing::FRICTION;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
 use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::climb::BELOW_M;
@@ -77,7 +77,7 @@ pub(crate) struct DeckBelow {
 impl DeckBelow {
     /// Deck at `now`; None beyond the forecast's horizon.
     pub(crate) fn of(
-        now: Time<DroneClock>,
+        now: DroneTime,
         forecast: &DeckForecast,
         body: &Body,
         drone: &DroneGeometry,
@@ -116,6 +116,7 @@ impl DeckBelow {
 mod tests {
     use super::*;
     use crate::fixtures::{forecast, header, level};
+    use alight_shared::time::Time;
     use proptest::prelude::*;
 
     proptest! {

@@ -79,7 +79,8 @@ mod tests {
     fn braking_to_the_contact_speed() {
         let drone = DroneGeometry::default();
         let climb = Climb::new(-2.0, 2.0, &drone);
-        let (mut v, mut h) = (2.0_f64, 0.8_f64);
+        let mut v = 2.0_f64;
+        let mut h = 0.8_f64;
         while h > 0.0 {
             v -= climb.braking(v, h, 0.5) * 1e-3;
             h -= v * 1e-3;

@@ -34,8 +34,10 @@ pub(crate) struct Completion<'a> {
 impl Completion<'_> {
     /// Stage of a landing without a plan: constant braking to a soft contact, at first level and then aligned.
     pub(crate) fn stage(&self) -> PlanStage {
-        let (body, below) = (self.body, self.below);
-        let (up, sinks) = (below.stage.normal(), -below.normal_speed);
+        let body = self.body;
+        let below = self.below;
+        let up = below.stage.normal();
+        let sinks = -below.normal_speed;
         let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
         let braking = climb.braking(sinks, below.clearance - SOFT_S * SINK_MPS, SINK_MPS);
         let mut stage = PlanStage {
@@ -55,7 +57,8 @@ impl Completion<'_> {
     ///
     /// `v² > v_t² + 2 a (h - v lag)`, where `a` is at most the rotors' margin over a deck that accelerates upwards.
     pub(crate) fn reflex(&self, lag_s: f64) -> Option<f64> {
-        let (body, below) = (self.body, self.below);
+        let body = self.body;
+        let below = self.below;
         let climb = Climb::new(body.position.z, body.velocity.z, self.drone);
         let sinks = (-below.normal_speed).max(0.0);
         let deck = below.stage.acceleration[2];
@@ -77,14 +80,16 @@ impl Completion<'_> {
     ///
     /// `v + (t (g - d + b) - e) T = sinks - b until_s`
     fn shared_braking(&self, sinks: f64, until_s: f64) -> f64 {
-        let (body, deck) = (self.body, &self.below.stage);
+        let body = self.body;
+        let deck = &self.below.stage;
         let up = body.attitude * -Vector3::z();
         let tilt = up.xy() / (-up.z).max(0.5);
         let Some(towards) = tilt.try_normalize(MIN_TILT) else {
             return f64::INFINITY;
         };
         let along = |v: Vector3<f64>| v.xy().dot(&towards);
-        let (t, lasts_s) = (tilt.norm(), until_s.min(TURN_S));
+        let t = tilt.norm();
+        let lasts_s = until_s.min(TURN_S);
         let speed = along(body.velocity - Vector3::from(deck.velocity));
         let [.., down] = deck.acceleration;
         let drives = t * (GRAVITY - down) - along(deck.acceleration.into());
@@ -109,7 +114,8 @@ impl Completion<'_> {
         if -relative.dot(&self.below.stage.normal()) <= SINK_MPS {
             return None;
         }
-        let (own, mut stage) = (self.stage(), *stage);
+        let own = self.stage();
+        let mut stage = *stage;
         stage.position[2] = own.position[2];
         stage.velocity[2] = own.velocity[2];
         stage.acceleration[2] = own.acceleration[2];

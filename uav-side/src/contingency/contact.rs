@@ -9,7 +9,7 @@
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
 use alight_shared::msg::{DeckForecast, DeckStage};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::Vector3;
 
 use super::climb::Climb;
@@ -54,7 +54,7 @@ pub struct ContactOutcomes {
 impl ContactOutcomes {
     /// Outcomes from `now` for a drone at `position` with `velocity` (NED); None beyond the forecast's horizon.
     pub(crate) fn predict(
-        now: Time<DroneClock>,
+        now: DroneTime,
         forecast: &DeckForecast,
         position: &Vector3<f64>,
         velocity: &Vector3<f64>,
@@ -107,7 +107,7 @@ enum ContactOutcome {
 }
 
 struct Prediction<'a> {
-    start: Time<DroneClock>,
+    start: DroneTime,
     forecast: &'a DeckForecast,
     /// Position relative to the deck's centre, NED, m.
     aside: Vector3<f64>,
@@ -172,6 +172,7 @@ impl ContactOutcomes {
 mod tests {
     use super::*;
     use crate::fixtures::{forecast, header, level};
+    use alight_shared::time::Time;
     use proptest::prelude::*;
 
     /// Outcomes from `clearance` above a deck at `deck(t)` = (z, velocity), while sinking at `sink`.
@@ -242,7 +243,8 @@ mod tests {
             amplitude in 0.0..2.0_f64, period in 3.0..10.0_f64, phase in 0.0..6.3_f64, pitch in 0.0..0.3_f64,
             clearance in -0.2..1.5_f64, sink in -2.0..3.0_f64,
         ) {
-            let (f, drone) = (sea(amplitude, period, phase, pitch), DroneGeometry::default());
+            let f = sea(amplitude, period, phase, pitch);
+            let drone = DroneGeometry::default();
             let deck = f.stages[0];
             let p = Vector3::from(deck.position) + deck.normal() * (drone.feet_below_m + clearance);
             let v = Vector3::new(2.0, 0.0, deck.velocity[2] + sink);

@@ -46,7 +46,8 @@ mod tests {
             escape: Some(core::f32::consts::PI),
             ..Surroundings::default()
         };
-        let (deck, drone) = (DeckStage::default(), DroneGeometry::default());
+        let deck = DeckStage::default();
+        let drone = DroneGeometry::default();
         let velocity = |around: &Surroundings, clearance: f64| {
             escape_velocity(
                 around,

@@ -67,7 +67,8 @@ impl WindEstimator {
         if *time < SAMPLE_S {
             return;
         }
-        let (d, v) = (*sum_d / *time, *sum_v / *time);
+        let d = *sum_d / *time;
+        let v = *sum_v / *time;
         self.sum = WindEstimator::default().sum;
         if (d.norm() + v.norm()).is_finite() {
             self.sample(&d, &v);
@@ -89,7 +90,8 @@ impl WindEstimator {
             return;
         };
         let gain = p * h.transpose() * inverse;
-        let (x, p) = (x + gain * (d - expected), (Covariance::identity() - gain * h) * p);
+        let x = x + gain * (d - expected);
+        let p = (Covariance::identity() - gain * h) * p;
         if x.iter().chain(p.iter()).all(|v| v.is_finite()) {
             self.state = Some((bounded(x), 0.5 * (p + p.transpose())));
         }
@@ -179,7 +181,8 @@ mod tests {
             (0.05, [-6.0, 5.0], [0.0, 0.0]),
             (0.02, [8.0, 0.0], [-5.0, 2.0]),
         ] {
-            let (wind, way) = (Vector2::from(wind), Vector2::from(way));
+            let wind = Vector2::from(wind);
+            let way = Vector2::from(way);
             let air = flown(k, wind, way);
             let (found, sd) = air.wind().unwrap();
             let error = (found - wind).norm();

@@ -33,7 +33,7 @@ use alight_shared::estimation::low_pass;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::{Vector2, Vector3};
 
 use origin::yaw_jump;
@@ -87,7 +87,7 @@ config! {
 
 #[derive(Clone, Copy, Debug)]
 struct SmoothState {
-    at: Time<DroneClock>,
+    at: DroneTime,
     position: Vector3<f64>,
     velocity: Vector3<f64>,
     bias: Vector3<f64>,
@@ -181,7 +181,8 @@ impl Odometry {
     }
     /// Starts with a predecessor's [`Self::difference`], so that the smooth frame is continuous.
     pub(crate) fn resume(&mut self, difference: [[f64; 3]; 4], jumps: Jumps) {
-        (self.first, self.jumps) = (difference, jumps);
+        self.first = difference;
+        self.jumps = jumps;
     }
 
     /// Smooth position and velocity: `v' = R f + g + b + k_v (v_a - v) + k_p (p_a - p)`, `p' = v + drift`, `b' = k_b
@@ -216,7 +217,8 @@ impl Odometry {
     /// Detects a jump of the autopilot's estimate since `last` and adds it to the sums.
     fn watch(&mut self, last: &DroneState, reported: &DroneState, dt: f64, counted: bool) {
         let rates = |d: &DroneState| Vector3::from(d.rates);
-        let (before, now) = (last.attitude(), reported.attitude());
+        let before = last.attitude();
+        let now = reported.attitude();
         let yaw = yaw_jump((&before, rates(last)), (&now, rates(reported)), dt).unwrap_or(0.0);
         self.jumps.heading = wrap_angle(self.jumps.heading + yaw);
         if dt > MAX_GAP_S {
@@ -265,7 +267,8 @@ impl Odometry {
             return self.smoothed;
         }
         let place = reported.position() + self.jumps.offset;
-        let (ahead, faster) = (place - h.position, reported.velocity() - h.velocity);
+        let ahead = place - h.position;
+        let faster = reported.velocity() - h.velocity;
         if !(ahead.norm() < MAX_DIFFERENCE && faster.norm() < MAX_DIFFERENCE) {
             let position = h.position + (h.velocity + reported.velocity()) * (0.5 * dt);
             self.jumps.offset = position - reported.position();
@@ -306,9 +309,14 @@ impl Odometry {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::frames::{wxyz, yaw_rotation};
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
     use nalgebra::UnitQuaternion;
 
+    fn odometry() -> Odometry {
+        Odometry::new(&OdometryConfig::default())
+    }
     fn state(k: u32, position: f64, velocity: f64, force: f64) -> DroneState {
         DroneState {
             header: Header::new(1, 1, 1, k, Time::from_secs(0.01 * f64::from(k))),
@@ -321,8 +329,9 @@ mod tests {
 
     #[test]
     fn odometry_position_steps() {
-        let mut o = Odometry::new(&OdometryConfig::default());
-        let (mut last, mut largest) = (None::<DroneState>, 0.0_f64);
+        let mut o = odometry();
+        let mut last = None::<DroneState>;
+        let mut largest = 0.0_f64;
         for k in 0..3000_u32 {
             // A drone at rest whose reported position moves by 2 cm and back, ten times a second.
             let reported = state(k, if (k / 10) % 2 == 0 { 0.02 } else { -0.02 }, 0.0, 0.0);
@@ -339,7 +348,7 @@ mod tests {
 
     #[test]
     fn odometry_accelerometer_bias() {
-        let mut o = Odometry::new(&OdometryConfig::default());
+        let mut o = odometry();
         let mut s = DroneState::default();
         for k in 0..6000 {
             s = o.step(&state(k, 0.0, 0.0, 0.1), false);
@@ -353,13 +362,13 @@ mod tests {
     fn disturbance_by_wind_and_level_error() {
         // Wind of 0.6 m/s² from the south, with an error of 0.01 rad in the reported roll; the true tilt balances the
         // wind.
-        let mut o = Odometry::new(&OdometryConfig::default());
+        let mut o = odometry();
         let roll = UnitQuaternion::from_euler_angles(0.01, 0.0, 0.0);
         let mut s = DroneState::default();
         for k in 0..1500_u32 {
             let t = 0.01 * f64::from(k);
             let reported = DroneState {
-                attitude: [roll.w, roll.i, roll.j, roll.k],
+                attitude: wxyz(&roll),
                 ..state(k, 0.3 * t * t, 0.6 * t, 0.6)
             };
             s = o.step(&reported, false);
@@ -371,7 +380,7 @@ mod tests {
 
     #[test]
     fn disturbance_of_a_gust_after_a_second() {
-        let mut o = Odometry::new(&OdometryConfig::default());
+        let mut o = odometry();
         // The drone is at rest for a second and is then accelerated at 1 m/s².
         let pushed = |k: u32| {
             let t = 0.01 * f64::from(k.saturating_sub(100));
@@ -391,7 +400,7 @@ mod tests {
     fn odometry_impact() {
         // In a contact at 0.6 m/s the impact of 168 m/s² lasts 3 ms, within a sample of 10 ms or between two samples.
         for sampled in [-168.0, 0.0] {
-            let mut o = Odometry::new(&OdometryConfig::default());
+            let mut o = odometry();
             let mut s = DroneState::default();
             for k in 0..100_u32 {
                 let moves = if k < 50 { 0.6 } else { 0.0 };
@@ -406,12 +415,15 @@ mod tests {
     #[test]
     fn odometry_position_drift() {
         // The GNSS error grows slowly, by 3 cm/s for two minutes, to 3.6 m.
-        let (mut o, mut max, mut jump) = (Odometry::new(&OdometryConfig::default()), 0.0_f64, 0.0_f64);
+        let mut o = odometry();
+        let mut max = 0.0_f64;
+        let mut jump = 0.0_f64;
         let mut last = 0.0;
         for k in 0..12_000_u32 {
             let x = 0.03 * 0.01 * f64::from(k);
             let s = o.step(&state(k, x, 0.0, 0.0), false).position[0];
-            (max, jump) = (max.max((s - x).abs()), jump.max((s - last).abs()));
+            max = max.max((s - x).abs());
+            jump = jump.max((s - last).abs());
             last = s;
         }
         assert!(max < 1.0 && jump < 2e-3, "{max} {jump}");
@@ -419,14 +431,16 @@ mod tests {
 
     #[test]
     fn odometry_set_points_in_the_autopilot_frame() {
-        let mut o = Odometry::new(&OdometryConfig::default());
+        let mut o = odometry();
         let wanted = SetPoint {
             kind: SetPointKind::Trajectory,
             position: [1.0, 0.0, -5.0],
             ..SetPoint::default()
         };
         // Half a degree of tilt error would move the frames 0.2 m apart.
-        let (mut x, mut v, mut s) = (0.0, 0.0, DroneState::default());
+        let mut x = 0.0;
+        let mut v = 0.0;
+        let mut s = DroneState::default();
         for k in 0..6000 {
             s = o.step(&state(k, x, v, 0.1), false);
             v = 0.5 * (o.for_autopilot(&wanted).position[0] - x);
@@ -455,10 +469,10 @@ mod tests {
             (-80.0, true),
         ] {
             for gap in [1, 30] {
-                let mut o = Odometry::new(&OdometryConfig::default());
-                (0..100).for_each(|k| {
+                let mut o = odometry();
+                for k in 0..100 {
                     o.step(&state(k, 0.01 * f64::from(k), 1.0, 0.0), false);
-                });
+                }
                 for k in (99 + gap)..(200 + gap) {
                     let x = 0.01 * f64::from(k);
                     let s = o.step(&state(k, x + jump, 1.0, 0.0), counted && k == 99 + gap);
@@ -482,13 +496,10 @@ mod tests {
 
     #[test]
     fn odometry_heading_jump() {
-        let mut o = Odometry::new(&OdometryConfig::default());
-        let heading = |k: u32, yaw: f64| {
-            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
-            DroneState {
-                attitude: [q.w, q.i, q.j, q.k],
-                ..state(k, 0.0, 0.0, 0.0)
-            }
+        let mut o = odometry();
+        let heading = |k: u32, yaw: f64| DroneState {
+            attitude: wxyz(&yaw_rotation(yaw)),
+            ..state(k, 0.0, 0.0, 0.0)
         };
         o.step(&heading(0, 0.2), false);
         let s = o.step(&heading(1, 2.2), false);
@@ -499,7 +510,7 @@ mod tests {
 
     #[test]
     fn odometry_stale_input() {
-        let mut o = Odometry::new(&OdometryConfig::default());
+        let mut o = odometry();
         o.step(&state(1, 0.0, 1.0, 0.0), false);
         let old = state(0, 7.0, 0.0, 0.0);
         assert_eq!(o.step(&old, false), old);

@@ -24,6 +24,7 @@ pub(crate) fn yaw_jump(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::frames::yaw_rotation;
 
     #[test]
     fn yaw_jump_during_a_quick_turn() {
@@ -31,7 +32,7 @@ mod tests {
         let before = UnitQuaternion::from_euler_angles(0.2, -0.1, 3.0);
         let now = before * UnitQuaternion::from_scaled_axis(spin * 0.02);
         assert_eq!(yaw_jump((&before, spin), (&now, spin), 0.02), None);
-        let reset = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.3) * now;
+        let reset = yaw_rotation(0.3) * now;
         let jump = yaw_jump((&before, spin), (&reset, spin), 0.02).unwrap();
         assert!((jump - 0.3).abs() < 1e-9, "{jump}");
         assert_eq!(yaw_jump((&before, spin), (&reset, spin), 0.2), None);

@@ -5,7 +5,7 @@
 //! odometry measures. The mean includes the vessel's speed; gusts are those of the true wind ([`WindEstimator`]).
 
 use alight_shared::msg::{DroneState, WindCheckpoint};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::Vector2;
 
 use super::air::{INDEPENDENT_S, WindEstimator};
@@ -25,7 +25,7 @@ pub(crate) struct WindMonitor {
     air: WindEstimator,
     /// Velocity of the drone while it follows the deck, NED, m/s.
     way: Vector2<f64>,
-    at: Option<Time<DroneClock>>,
+    at: Option<DroneTime>,
     /// Observation time, at most [`MEMORY_S`], s.
     known_s: f64,
     /// Mean acceleration, NED, m/s².
@@ -101,7 +101,8 @@ impl WindMonitor {
             return 0.0;
         }
         let prior = self.air.gust_sd(&self.way).unwrap_or_default().powi(2);
-        let (n, t) = (INDEPENDENT_S, self.known_s);
+        let n = INDEPENDENT_S;
+        let t = self.known_s;
         let variance = (n * prior + t * self.variance.min(prior)) / (n + t);
         (variance * (1.0 + n / t)).sqrt()
     }
@@ -111,7 +112,9 @@ impl WindMonitor {
     pub(crate) fn steady(mean_mps2: f64) -> DroneState {
         let mean = Vector2::new(mean_mps2, 0.0);
         let mut air = WindEstimator::default();
-        (0..60).for_each(|_| air.update(&mean, &Vector2::zeros(), 1.0));
+        for _ in 0..60 {
+            air.update(&mean, &Vector2::zeros(), 1.0);
+        }
         let known = WindMonitor {
             mean,
             air,
@@ -133,7 +136,8 @@ mod tests {
     /// Monitor and last odometry of a drone above a deck that moves at `deck_mps`, under a disturbance that oscillates
     /// by `gust` about `mean` with a period of 8 s.
     fn watched(mean: f64, gust: f64, secs: f64, deck_mps: Option<f64>) -> (WindMonitor, DroneState) {
-        let (mut w, mut last) = (WindMonitor::default(), DroneState::default());
+        let mut w = WindMonitor::default();
+        let mut last = DroneState::default();
         for k in 0..(secs * 100.0) as i64 {
             let t = 0.01 * k as f64;
             let push = mean + gust * (core::f64::consts::TAU / 8.0 * t).sin();

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use alight_shared::estimation::{low_pass, low_pass_gain};
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{AttitudeResponse, DroneState, Plan, PlanStage};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
@@ -41,10 +41,10 @@ pub(crate) type Commanded = Option<(UnitQuaternion<f64>, f64)>;
 
 /// Recent commands, with the time at which each was sent.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct SentCommands(VecDeque<(Time<DroneClock>, Commanded)>);
+pub(crate) struct SentCommands(VecDeque<(DroneTime, Commanded)>);
 
 impl SentCommands {
-    pub(crate) fn push(&mut self, now: Time<DroneClock>, command: Commanded) {
+    pub(crate) fn push(&mut self, now: DroneTime, command: Commanded) {
         if self.0.len() >= KEPT {
             self.0.pop_front();
         }
@@ -52,7 +52,7 @@ impl SentCommands {
     }
     /// Thrust at `at` from the commands sent by then, after the rotors' lag. The lag state restarts after a period in
     /// the autopilot's loop.
-    fn lagged_thrust(&self, at: Time<DroneClock>, lag_s: f64) -> Option<f64> {
+    fn lagged_thrust(&self, at: DroneTime, lag_s: f64) -> Option<f64> {
         let count = self.0.partition_point(|(sent, _)| *sent <= at);
         let ends = self.0.iter().map(|(sent, _)| *sent).skip(1);
         let held = self.0.iter().zip(ends.map(Some).chain([None])).take(count);
@@ -62,7 +62,7 @@ impl SentCommands {
             Some(low_pass(applied, u, dt, lag_s))
         })
     }
-    pub(crate) fn by(&self, at: Time<DroneClock>) -> Commanded {
+    pub(crate) fn by(&self, at: DroneTime) -> Commanded {
         let newer = self.0.partition_point(|(sent, _)| *sent <= at);
         self.0
             .get(newer.checked_sub(1)?)
@@ -75,7 +75,7 @@ impl SentCommands {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ThrustDelay {
     candidates: [ThrustCandidate; CANDIDATES],
-    last: Option<Time<DroneClock>>,
+    last: Option<DroneTime>,
     force: Option<f64>,
     ff: f64,
     found_s: Option<f64>,
@@ -91,7 +91,7 @@ struct ThrustCandidate {
 
 impl ThrustDelay {
     /// Processes a specific force along the thrust (m/s²) in free flight, with the thrust's lag and the odometry's age.
-    fn learn(&mut self, at: Time<DroneClock>, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
+    fn learn(&mut self, at: DroneTime, force: f64, sent: &SentCommands, lag_s: f64, one_way_s: f64) {
         let dt = self.last.replace(at).map_or(0.0, |last| (at - last).secs());
         if !(dt > 0.0 && dt < 0.2 && force.is_finite()) {
             return;
@@ -188,7 +188,7 @@ impl Delay {
         self.thrust.get(self.one_way_s())
     }
     /// Command whose thrust affects the odometry that arrives at `now`.
-    pub(crate) fn answered(&self, now: Time<DroneClock>) -> Commanded {
+    pub(crate) fn answered(&self, now: DroneTime) -> Commanded {
         self.sent
             .by(now - Span::from_secs(self.one_way_s() + self.thrust_s()))
     }
@@ -198,7 +198,7 @@ impl Delay {
     /// f(u)` with the thrust `u` after its lag. None if a value is not finite.
     pub(crate) fn ahead(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         lead_s: f64,
         drone: &DroneState,
         estimate: &FlightEstimator,
@@ -208,8 +208,10 @@ impl Delay {
         let response = &dynamics.response;
         let age_s = (now - drone.header.at).secs().clamp(0.0, 2.0 * c.limit_s);
         let horizon_s = age_s + lead_s;
-        let (mut position, mut velocity) = (drone.position(), drone.velocity());
-        let (mut attitude, mut rates) = (drone.attitude(), Vector3::from(drone.rates));
+        let mut position = drone.position();
+        let mut velocity = drone.velocity();
+        let mut attitude = drone.attitude();
+        let mut rates = Vector3::from(drone.rates);
         let measured_force = -drone.specific_force[2];
         let thrust_dead_s = self.thrust_s();
         let mut thrust = self.sent.lagged_thrust(
@@ -253,16 +255,16 @@ impl Delay {
 
 impl Pilot {
     /// Time at which an attitude commanded at `now` takes effect.
-    pub(super) fn turns_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
+    pub(super) fn turns_at(&self, now: DroneTime) -> DroneTime {
         now + Span::from_secs(self.response.get().dead_time_s)
     }
-    pub(super) fn thrusts_at(&self, now: Time<DroneClock>) -> Time<DroneClock> {
+    pub(super) fn thrusts_at(&self, now: DroneTime) -> DroneTime {
         now + Span::from_secs(self.delay.thrust_s())
     }
 
     /// Stage of the plan for a command sent at `now`: attitude and horizontal motion at the time when the attitude
     /// takes effect, vertical motion at the time when the thrust takes effect.
-    pub(super) fn served(&self, now: Time<DroneClock>, plan: &Plan) -> Option<PlanStage> {
+    pub(super) fn served(&self, now: DroneTime, plan: &Plan) -> Option<PlanStage> {
         let mut stage = plan.sample(self.turns_at(now))?;
         let vertical = plan.sample(self.thrusts_at(now))?;
         stage.position[2] = vertical.position[2];
@@ -275,9 +277,10 @@ impl Pilot {
     }
 
     /// State of the drone when a command sent at `now` takes effect, combined as in [`Self::served`].
-    pub(super) fn acted_on(&self, now: Time<DroneClock>, body: &Body) -> Body {
+    pub(super) fn acted_on(&self, now: DroneTime, body: &Body) -> Body {
         let at = |at| self.ahead_at(now, at).unwrap_or(*body);
-        let (turned, mut thrust) = (at(self.turns_at(now)), at(self.thrusts_at(now)));
+        let turned = at(self.turns_at(now));
+        let mut thrust = at(self.thrusts_at(now));
         // The model does not include the deck, which supports the drone after a contact unless it has slid over the
         // edge.
         let over = self.below(now, body).is_some_and(|b| is_over(&b, body));
@@ -296,12 +299,13 @@ impl Pilot {
         }
     }
 
-    fn ahead_at(&self, now: Time<DroneClock>, at: Time<DroneClock>) -> Option<Body> {
+    fn ahead_at(&self, now: DroneTime, at: DroneTime) -> Option<Body> {
         let dynamics = Dynamics {
             response: self.response.get(),
             thrust_s: self.config.tracking.thrust_lag_s,
         };
-        let (lead_s, c) = ((at - now).secs(), &self.config.delay);
+        let lead_s = (at - now).secs();
+        let c = &self.config.delay;
         let drone = self.drone.get()?;
         self.delay.ahead(now, lead_s, drone, &self.estimate, &dynamics, c)
     }
@@ -316,6 +320,8 @@ fn is_over(b: &DeckBelow, body: &Body) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::frames::wxyz;
+    use alight_shared::time::Time;
 
     /// Dynamics of a drone whose set-points and odometry have the same delay.
     const DYNAMICS: Dynamics = Dynamics {
@@ -331,11 +337,15 @@ mod tests {
     /// Compares the prediction with the later state under an oscillating command and 40 ms of delay each way.
     #[test]
     fn delay_prediction_after_one_dead_time() {
-        let (c, one_way, dt) = (DelayConfig::default(), 4_usize, 0.01);
+        let c = DelayConfig::default();
+        let one_way = 4_usize;
+        let dt = 0.01;
         let mut delay = Delay::default();
         let mut estimate = FlightEstimator::new(0.4);
-        let (mut p, mut v) = (Vector3::new(3.0, -2.0, -5.0), Vector3::new(1.0, 0.5, 0.2));
-        let (mut q, mut w) = (UnitQuaternion::identity(), Vector3::zeros());
+        let mut p = Vector3::new(3.0, -2.0, -5.0);
+        let mut v = Vector3::new(1.0, 0.5, 0.2);
+        let mut q = UnitQuaternion::identity();
+        let mut w = Vector3::zeros();
         let mut u = 0.4;
         let mut history: Vec<(DroneState, f64)> = Vec::new();
         let mut commands: Vec<(UnitQuaternion<f64>, f64)> = Vec::new();
@@ -347,7 +357,7 @@ mod tests {
             let mut state = DroneState {
                 position: p.into(),
                 velocity: v.into(),
-                attitude: [q.w, q.i, q.j, q.k],
+                attitude: wxyz(&q),
                 rates: w.into(),
                 specific_force: force.into(),
                 ..DroneState::default()
@@ -380,7 +390,8 @@ mod tests {
             p += v * dt + a * (0.5 * dt * dt);
             v += a * dt;
         }
-        let (mut worst, mut stale) = ([0.0_f64; 3], [0.0_f64; 3]);
+        let mut worst = [0.0_f64; 3];
+        let mut stale = [0.0_f64; 3];
         for (i, body) in led.iter().enumerate().skip(100) {
             let k = i + one_way;
             let Some((then, _)) = history.get(k + one_way) else {

@@ -27,7 +27,7 @@ use alight_shared::msg::{
     PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -107,15 +107,15 @@ pub struct Pilot {
     detector: TouchdownDetector,
     hold: Option<Hold>,
     /// Start of a take-off in progress, and the rise since then; None for a pilot that started in the air.
-    jump: Option<(Time<DroneClock>, Option<Rise>)>,
+    jump: Option<(DroneTime, Option<Rise>)>,
     /// Height at which the drone was last disarmed, NED z, m.
     disarmed_z: Option<f64>,
     completes: bool,
-    stopped_at: Option<Time<DroneClock>>,
+    stopped_at: Option<DroneTime>,
     disarmed_since_stop: bool,
     /// Whether the mission has reported the landing since the motors were stopped.
     landed_since_stop: bool,
-    last_step: Option<Time<DroneClock>>,
+    last_step: Option<DroneTime>,
 }
 
 /// Maximum integration step, s, so that the set-point does not jump after an interruption.
@@ -167,7 +167,7 @@ impl Pilot {
         }
     }
 
-    fn receive(&mut self, now: Time<DroneClock>, input: &PilotIn) -> Option<DroneState> {
+    fn receive(&mut self, now: DroneTime, input: &PilotIn) -> Option<DroneState> {
         let before = self.drone.get().copied();
         let drone = input.drone.filter(|m| self.drone.offer(now, m));
         if (before.zip(drone)).is_some_and(|(before, d)| d.origin_moved_m(&before).is_some()) {
@@ -217,7 +217,7 @@ impl Pilot {
 
     /// Whether the drone is low enough to stand on the ground, according to the rangefinder or the height at
     /// which it was disarmed.
-    fn is_low(&self, now: Time<DroneClock>, body: &Body) -> bool {
+    fn is_low(&self, now: DroneTime, body: &Body) -> bool {
         let feet_m = self.geometry.feet_below_m - self.geometry.rangefinder_m[2];
         match self.detector.median(now) {
             Some(range_m) => range_m < feet_m + LOW_BY_RANGE_M,
@@ -226,17 +226,17 @@ impl Pilot {
     }
 
     /// Deck below the drone; None if forecast or odometry do not cover `now`.
-    fn below(&self, now: Time<DroneClock>, body: &Body) -> Option<DeckBelow> {
+    fn below(&self, now: DroneTime, body: &Body) -> Option<DeckBelow> {
         DeckBelow::of(now, self.forecast.get()?, body, &self.geometry)
     }
 
     /// Whether feet that touch the deck `below` do not stay on it. An old forecast does not keep the motors running.
-    fn slides(&self, now: Time<DroneClock>, below: Option<&DeckBelow>) -> bool {
+    fn slides(&self, now: DroneTime, below: Option<&DeckBelow>) -> bool {
         let fresh = self.forecast.age_s(now) <= topics::FORECAST.stale_after.secs();
         fresh && below.is_some_and(|b| outside_m(&b.rests_at, &self.deck, &self.geometry) > LOST_OUTSIDE_M)
     }
 
-    fn stop_from(&mut self, now: Time<DroneClock>) {
+    fn stop_from(&mut self, now: DroneTime) {
         self.stopped_at = Some(now);
         self.disarmed_since_stop = false;
         self.landed_since_stop = false;
@@ -245,7 +245,7 @@ impl Pilot {
     /// Whether stopped motors stay stopped. They are released if the autopilot was disarmed and the mission is idle
     /// again; if the mission climbs after it has reported the landing (a false touchdown); or if the autopilot has
     /// flown on its own in the meantime. The touchdown must then be detected again.
-    fn stays_stopped(&mut self, now: Time<DroneClock>, mission: Option<&MissionState>, late_s: f64) -> bool {
+    fn stays_stopped(&mut self, now: DroneTime, mission: Option<&MissionState>, late_s: f64) -> bool {
         let Some(at) = self.stopped_at else {
             return false;
         };
@@ -275,7 +275,7 @@ impl Pilot {
         self.detector.clear();
     }
 
-    fn touch_down(&mut self, now: Time<DroneClock>, touchdown: Touchdown) -> PilotOut {
+    fn touch_down(&mut self, now: DroneTime, touchdown: Touchdown) -> PilotOut {
         self.stop_from(now);
         let set_point = self.stop(now);
         PilotOut {
@@ -288,7 +288,7 @@ impl Pilot {
     }
 
     /// Stores the command and updates the thrust that explains the next odometry.
-    fn remember(&mut self, now: Time<DroneClock>, dt: f64, set_point: &SetPoint) {
+    fn remember(&mut self, now: DroneTime, dt: f64, set_point: &SetPoint) {
         let followed = self
             .autopilot
             .get()
@@ -307,7 +307,7 @@ impl Pilot {
     }
 
     /// Updates hover thrust, response and disturbance from new odometry in free flight.
-    fn learn(&mut self, now: Time<DroneClock>, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
+    fn learn(&mut self, now: DroneTime, new: Option<&DroneState>, dt: f64, below: Option<&DeckBelow>) {
         let Some(d) = new else { return };
         if self.lies_on_deck() {
             self.estimate.forget_lift();
@@ -339,7 +339,7 @@ impl Pilot {
 
     fn evidence(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         mission: Option<&MissionState>,
         new: Option<&DroneState>,
         below: Option<&DeckBelow>,
@@ -374,7 +374,7 @@ impl Pilot {
 
     /// Whether `mission` has withdrawn the plan's landing and the planner has not responded for several periods. A plan
     /// with the same time stamp may have been started before the withdrawal.
-    fn is_withdrawn(&self, now: Time<DroneClock>, plan: &Plan, mission: &MissionState) -> bool {
+    fn is_withdrawn(&self, now: DroneTime, plan: &Plan, mission: &MissionState) -> bool {
         mission.state.phase() != Phase::Landing
             && mission.previous.phase() == Phase::Landing
             && (plan.header.at - mission.since).secs() < PLAN_PERIOD_S
@@ -382,7 +382,7 @@ impl Pilot {
     }
 
     /// Last state of the mission, for a short time after its last message.
-    fn last_mission(&self, now: Time<DroneClock>) -> Option<MissionState> {
+    fn last_mission(&self, now: DroneTime) -> Option<MissionState> {
         let limit = topics::MISSION.stale_after.secs() + GOES_ON_WITHOUT_MISSION_S;
         let goes_on = |m: &&MissionState| {
             let leaves = matches!(m.state, State::SpinUp | State::TakeOff | State::StandDown);
@@ -394,7 +394,7 @@ impl Pilot {
 
     fn fly(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         dt: f64,
         mission: Option<MissionState>,
         body: &Body,
@@ -459,20 +459,20 @@ impl Pilot {
     }
 
     /// Plan, and its stage for a command sent at `now`, in states that need a plan.
-    fn wanted_plan(&self, now: Time<DroneClock>, mission: &MissionState) -> Option<(Plan, PlanStage)> {
+    fn wanted_plan(&self, now: DroneTime, mission: &MissionState) -> Option<(Plan, PlanStage)> {
         self.plan
             .fresh(now, topics::PLAN.stale_after)
             .filter(|p| mission.state != State::Landed && !self.is_withdrawn(now, p, mission))
             .and_then(|p| self.served(now, p).map(|stage| (*p, stage)))
     }
 
-    fn armed(&self, now: Time<DroneClock>) -> Option<&AutopilotState> {
+    fn armed(&self, now: DroneTime) -> Option<&AutopilotState> {
         self.autopilot
             .fresh(now, topics::AUTOPILOT.stale_after)
             .filter(|a| a.armed)
     }
 
-    fn lands_softer(&self, now: Time<DroneClock>, body: &Body) -> bool {
+    fn lands_softer(&self, now: DroneTime, body: &Body) -> bool {
         let ends = |f| ContactOutcomes::predict(now, f, &body.position, &body.velocity, &self.geometry);
         let touched = self.detector.contact() != TouchdownContact::Clear;
         touched
@@ -489,7 +489,7 @@ impl Node for Pilot {
     type In = PilotIn;
     type Out = PilotOut;
 
-    fn step(&mut self, now: Time<DroneClock>, input: &PilotIn) -> PilotOut {
+    fn step(&mut self, now: DroneTime, input: &PilotIn) -> PilotOut {
         let late_s = self.last_step.map_or(0.01, |t| (now - t).secs());
         let dt = late_s.clamp(0.0, MAX_STEP_S);
         self.last_step = Some(now);

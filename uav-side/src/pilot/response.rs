@@ -20,7 +20,7 @@
 //! without dead time would, and would amplify the oscillation.
 
 use alight_shared::msg::{AttitudeResponse, DroneState};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::LagConfig;
@@ -85,8 +85,10 @@ impl Sums {
     }
     /// `1 / T`, `T_r` and the weighted sum of squared residuals, from the prior `[1 / T, T_r]`.
     fn solve(&self, prior: [f64; 2], bounds: [[f64; 2]; 2]) -> ([f64; 2], f64) {
-        let (ii, ww) = (self.ii + PRIOR_ANGLE, self.ww + PRIOR_RATE);
-        let (yi, yw) = (self.yi + PRIOR_ANGLE * prior[0], self.yw + PRIOR_RATE * prior[1]);
+        let ii = self.ii + PRIOR_ANGLE;
+        let ww = self.ww + PRIOR_RATE;
+        let yi = self.yi + PRIOR_ANGLE * prior[0];
+        let yw = self.yw + PRIOR_RATE * prior[1];
         let det = ii * ww - self.iw * self.iw;
         let free = (ii * yw - self.iw * yi) / det;
         let lag = if free.is_finite() { free } else { prior[1] };
@@ -187,7 +189,8 @@ impl ResponseEstimator {
 
     /// Discards the window in progress, e.g. after a contact or while a pilot flies.
     pub(crate) fn interrupt(&mut self) {
-        (self.window, self.last) = (None, None);
+        self.window = None;
+        self.last = None;
     }
 
     /// Processes new odometry in free flight. `one_way_s`: age of the odometry, which is the prior mean of the dead
@@ -255,7 +258,8 @@ impl ResponseEstimator {
 /// Extends the window from `last` to `drone`, `dt` (s) later.
 fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64, sent: &SentCommands) {
     let [before, after] = [last, drone].map(|d| Vector3::from(d.rates));
-    let (start, turns) = (last.attitude(), before.lerp(&after, 0.5));
+    let start = last.attitude();
+    let turns = before.lerp(&after, 0.5);
     window.turned += turns.xy() * dt;
     window.duration_s += dt;
     let steps = (dt / STEP_S).ceil().max(1.0);
@@ -263,7 +267,7 @@ fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64
     for k in 0..steps as u32 {
         let ahead_s = (f64::from(k) + 0.5) * h;
         let is = start * UnitQuaternion::from_scaled_axis(turns * ahead_s);
-        let at: Time<DroneClock> = last.header.at + Span::from_secs(ahead_s);
+        let at: DroneTime = last.header.at + Span::from_secs(ahead_s);
         for (n, integral) in window.integrals.iter_mut().enumerate() {
             let Some((command, _)) = sent.by(at - Span::from_secs(CANDIDATE_STEP_S * n as f64)) else {
                 window.usable = false;
@@ -281,6 +285,8 @@ mod tests {
     use super::*;
     use crate::fixtures::header;
     use alight_shared::estimation::{low_pass, low_pass_gain};
+    use alight_shared::frames::wxyz;
+    use alight_shared::time::Time;
 
     /// Roll and pitch axes of a drone with PX4's loop or ArduCopter's input shaping.
     struct Axes {
@@ -323,10 +329,9 @@ mod tests {
     }
 
     fn state(k: u32, at_s: f64, axes: &Axes) -> DroneState {
-        let q = axes.attitude;
         DroneState {
             header: header(k, Time::from_secs(at_s)),
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&axes.attitude),
             rates: axes.rates.into(),
             ..DroneState::default()
         }
@@ -344,7 +349,8 @@ mod tests {
     /// Response identified from 6 s of commands, with odometry every `odometry` steps of 10 ms.
     fn identified(dead_s: f64, axes: &mut Axes, odometry: u32) -> AttitudeResponse {
         let c = LagConfig::default();
-        let (mut x, mut sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
+        let mut x = ResponseEstimator::new(0.2, &c);
+        let mut sent = SentCommands::default();
         for k in 0..600 {
             let t = 0.01 * f64::from(k);
             sent.push(Time::from_secs(t), Some((rocking(t), 0.4)));
@@ -392,7 +398,8 @@ mod tests {
     #[test]
     fn response_before_anything_is_learnt() {
         let c = LagConfig::default();
-        let (mut x, sent) = (ResponseEstimator::new(0.2, &c), SentCommands::default());
+        let mut x = ResponseEstimator::new(0.2, &c);
+        let sent = SentCommands::default();
         let before = x.get();
         let axes = Axes {
             rates: Vector3::new(1.0, f64::NAN, 0.0),
@@ -447,10 +454,14 @@ mod tests {
             WithoutDeadTime::new(),
             SentCommands::default(),
         );
-        let (mut y, mut v, mut d) = (0.5, 0.0, state(0, 0.0, &axes));
+        let mut y = 0.5;
+        let mut v = 0.0;
+        let mut d = state(0, 0.0, &axes);
         let mut received = (y, v);
         let mut command = UnitQuaternion::identity();
-        let (mut n, mut sum, mut square) = (0.0, 0.0, 0.0);
+        let mut n = 0.0;
+        let mut sum = 0.0;
+        let mut square = 0.0;
         let wire = 2;
         let mut under_way = std::collections::VecDeque::from(vec![command; wire]);
         for k in 0..3000_u32 {
@@ -483,7 +494,9 @@ mod tests {
             }
             if t > 20.0 {
                 let (roll, _, _) = command.euler_angles();
-                (n, sum, square) = (n + 1.0, sum + roll, square + roll * roll);
+                n += 1.0;
+                sum += roll;
+                square += roll * roll;
             }
         }
         let sd = f64::sqrt(square / n - (sum / n) * (sum / n));

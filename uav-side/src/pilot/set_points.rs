@@ -1,9 +1,10 @@
 //! Set-points of each action: stop, stand, hold, follow, complete, press.
 
+use alight_shared::frames::{wxyz, yaw_rotation};
 use alight_shared::msg::{
     Header, MissionState, Motors, Phase, Plan, PlanStage, SetPoint, SetPointKind, State,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
@@ -17,7 +18,7 @@ use crate::tracking::{AttitudeCommand, Authority};
 pub(super) const OLD_PLAN_S: f64 = 0.1;
 
 impl Pilot {
-    pub(super) fn set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
+    pub(super) fn set_point(&mut self, now: DroneTime) -> SetPoint {
         self.sequence = self.sequence.wrapping_add(1);
         let vessel = self.mission.get().map_or(0, |m| m.header.vessel);
         SetPoint {
@@ -28,13 +29,13 @@ impl Pilot {
         }
     }
 
-    pub(super) fn no_set_point(&mut self, now: Time<DroneClock>) -> SetPoint {
+    pub(super) fn no_set_point(&mut self, now: DroneTime) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
         self.set_point(now)
     }
 
-    pub(super) fn stop(&mut self, now: Time<DroneClock>) -> SetPoint {
+    pub(super) fn stop(&mut self, now: DroneTime) -> SetPoint {
         let attitude = self.drone.get().map_or([1.0, 0.0, 0.0, 0.0], |d| d.attitude);
         SetPoint {
             kind: SetPointKind::Attitude,
@@ -47,13 +48,12 @@ impl Pilot {
 
     /// Set-point for the autopilot's own loop. The acceleration is sampled one attitude lag ahead, because the attitude
     /// must have reached it by then.
-    fn trajectory(&mut self, now: Time<DroneClock>, plan: &Plan, stage: &PlanStage) -> SetPoint {
+    fn trajectory(&mut self, now: DroneTime, plan: &Plan, stage: &PlanStage) -> SetPoint {
         self.hold = None;
         self.tracker.reset();
         let ahead = plan
             .sample(self.turns_at(now) + Span::from_secs(self.response.slowest_s()))
             .map_or(stage.acceleration, |s| s.acceleration);
-        let q = UnitQuaternion::from_euler_angles(stage.euler[0], stage.euler[1], stage.euler[2]);
         SetPoint {
             kind: SetPointKind::Trajectory,
             position: stage.position,
@@ -61,7 +61,11 @@ impl Pilot {
             acceleration: ahead,
             yaw: stage.euler[2],
             yaw_rate: stage.euler_rates[2],
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&UnitQuaternion::from_euler_angles(
+                stage.euler[0],
+                stage.euler[1],
+                stage.euler[2],
+            )),
             rates: rates_of(&stage.euler, &stage.euler_rates).into(),
             thrust: self.estimate.hover().clamp(0.0, 1.0),
             ..self.set_point(now)
@@ -70,7 +74,7 @@ impl Pilot {
 
     pub(super) fn attitude(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         stage: Option<&PlanStage>,
         a: AttitudeCommand,
         body: &Body,
@@ -96,7 +100,7 @@ impl Pilot {
             velocity: stage.velocity,
             acceleration: stage.acceleration,
             yaw,
-            attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+            attitude: wxyz(&attitude),
             rates: a.rates.map(|v| v.clamp(-4.0, 4.0)).into(),
             thrust: a.thrust.max(min_thrust),
             ..self.set_point(now)
@@ -109,7 +113,8 @@ impl Pilot {
     /// the collective thrust before they raise it (PX4 without air mode), or raise it to hover at most (ArduCopter),
     /// which is also the limit here.
     fn min_thrust(&self, angle: f64) -> f64 {
-        let (g, c) = (&self.geometry, &self.config.lag);
+        let g = &self.geometry;
+        let c = &self.config.lag;
         let [roll, pitch, _] = g.inertia_kgm2;
         let torque = roll.max(pitch) * angle / (c.design_s * c.rate_loop_s);
         let rotor_n = torque / (4.0 * g.arm_m / core::f64::consts::SQRT_2);
@@ -117,15 +122,15 @@ impl Pilot {
     }
 
     /// Keeps a drone on the ground, level and with less thrust than flight needs.
-    pub(super) fn stand(&mut self, now: Time<DroneClock>, body: &Body) -> SetPoint {
+    pub(super) fn stand(&mut self, now: DroneTime, body: &Body) -> SetPoint {
         self.tracker.reset();
         let (_, _, yaw) = body.attitude.euler_angles();
-        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        let level = yaw_rotation(yaw);
         SetPoint {
             kind: SetPointKind::Attitude,
             position: body.position.into(),
             yaw,
-            attitude: [level.w, level.i, level.j, level.k],
+            attitude: wxyz(&level),
             thrust: self.config.tracking.min_thrust_of_hover * self.estimate.hover(),
             ..self.set_point(now)
         }
@@ -134,7 +139,7 @@ impl Pilot {
     /// Holds the position. If the deck is `near`, the drone moves with it, climbs, and follows the escape direction.
     pub(super) fn hold(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         body: &Body,
         dt: f64,
         near: Option<&DeckBelow>,
@@ -170,7 +175,7 @@ impl Pilot {
     /// Presses the feet onto the deck and aligns with it; the thrust ramps down while contact is suspected.
     pub(super) fn press(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         body: &Body,
         dt: f64,
         below: Option<&DeckBelow>,
@@ -191,17 +196,15 @@ impl Pilot {
     /// Attitude and thrust for `led`, the plan's `stage` at the time when the command takes effect.
     fn tracked(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         stage: &PlanStage,
         led: &PlanStage,
         body: &Body,
         authority: Authority,
         dt: f64,
     ) -> SetPoint {
-        let (c, lag) = (
-            &self.config.tracking,
-            self.response.compensated_s(&self.config.lag),
-        );
+        let c = &self.config.tracking;
+        let lag = self.response.compensated_s(&self.config.lag);
         let a = self
             .tracker
             .track(led, body, &self.estimate, authority, lag, dt, c);
@@ -212,7 +215,7 @@ impl Pilot {
     /// drone approaches the deck too fast.
     pub(super) fn follow(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         (plan, stage): &(Plan, PlanStage),
         mission: &MissionState,
         body: &Body,
@@ -237,7 +240,8 @@ impl Pilot {
         if let Some(b) = ahead.filter(|_| lands) {
             let completion = self.completion(body, &b);
             if old && let Some(braked) = completion.renewed(&led) {
-                (led, authority.brakes) = (braked, true);
+                led = braked;
+                authority.brakes = true;
             }
             // A new pilot node keeps its predecessor's thrust until its own is in effect.
             let acts = self.estimate.in_force().is_some();
@@ -248,13 +252,7 @@ impl Pilot {
         self.tracked(now, stage, &led, body, authority, dt)
     }
 
-    pub(super) fn complete(
-        &mut self,
-        now: Time<DroneClock>,
-        body: &Body,
-        dt: f64,
-        below: &DeckBelow,
-    ) -> SetPoint {
+    pub(super) fn complete(&mut self, now: DroneTime, body: &Body, dt: f64, below: &DeckBelow) -> SetPoint {
         let b = self.below(self.thrusts_at(now), body).unwrap_or(*below);
         let stage = self.completion(body, &b).stage();
         let c = &self.config.tracking;

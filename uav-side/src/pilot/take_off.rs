@@ -6,7 +6,7 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{MissionState, SetPoint};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 
 use super::Pilot;
 use crate::contingency::{Body, Climb, DeckBelow};
@@ -29,7 +29,7 @@ impl Pilot {
     /// Keeps the drone on the deck, at the deck's attitude and with less thrust than flight needs.
     pub(super) fn idle(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         body: &Body,
         dt: f64,
         below: Option<&DeckBelow>,
@@ -44,12 +44,7 @@ impl Pilot {
 
     /// Whether the drone left the deck in a take-off by a previous pilot node: [`LEAVES_WITHIN_S`] has passed, or the
     /// camera measures that the feet are off. GNSS heights may be wrong by metres.
-    fn is_in_the_air(
-        &self,
-        now: Time<DroneClock>,
-        mission: &MissionState,
-        below: Option<&DeckBelow>,
-    ) -> bool {
+    fn is_in_the_air(&self, now: DroneTime, mission: &MissionState, below: Option<&DeckBelow>) -> bool {
         let lasts_s = (now - mission.since).secs();
         let detected = self
             .forecast
@@ -61,7 +56,7 @@ impl Pilot {
     /// Leaves the deck. A pilot node that starts in the air makes the usual climb above a deck.
     pub(super) fn jump(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         body: &Body,
         dt: f64,
         mission: &MissionState,
@@ -90,7 +85,7 @@ impl Pilot {
 
     fn lie(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         body: &Body,
         dt: f64,
         below: Option<&DeckBelow>,

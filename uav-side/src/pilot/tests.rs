@@ -1,5 +1,7 @@
 use alight_shared::config::parse;
+use alight_shared::frames::wxyz;
 use alight_shared::msg::{DeckStage, LandedState, Motors};
+use alight_shared::time::Time;
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
@@ -22,7 +24,8 @@ proptest! {
     #[test]
     fn upright_attitude_limit(roll in -3.1..3.1_f64, pitch in -1.5..1.5_f64, yaw in -3.1..3.1_f64) {
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-        let (is, limited) = (q * -Vector3::z(), upright(&q, 0.6) * -Vector3::z());
+        let is = q * -Vector3::z();
+        let limited = upright(&q, 0.6) * -Vector3::z();
         let tilt = |up: &Vector3<f64>| up.angle(&-Vector3::z());
         prop_assert!(tilt(&limited) <= 0.6 + 1e-6);
         prop_assert!(tilt(&is) > 0.6 || upright(&q, 0.6) == q);
@@ -31,7 +34,8 @@ proptest! {
 
     #[test]
     fn slewed_attitude_limit(a in -1.0..1.0_f64, b in -1.0..1.0_f64, max in 0.0..0.5_f64) {
-        let (p, q) = (UnitQuaternion::from_euler_angles(a, b, 0.0), UnitQuaternion::from_euler_angles(b, 0.2, a));
+        let p = UnitQuaternion::from_euler_angles(a, b, 0.0);
+        let q = UnitQuaternion::from_euler_angles(b, 0.2, a);
         let r = slewed(&p, &q, max);
         prop_assert!(p.angle_to(&r) <= max + 1e-6);
         prop_assert!(r.angle_to(&q) <= p.angle_to(&q) + 1e-6);
@@ -40,11 +44,15 @@ proptest! {
 
 /// RMS tilt error of an attitude loop above a deck, with and without lead compensation.
 fn follow(order: usize, lag: f64, compensated: bool) -> f64 {
-    let (w, dt) = (std::f64::consts::TAU / 5.0, 0.001);
-    let (mut x, mut square, mut n) = ([0.0; 2], 0.0, 0.0);
+    let w = std::f64::consts::TAU / 5.0;
+    let dt = 0.001;
+    let mut x = [0.0; 2];
+    let mut square = 0.0;
+    let mut n = 0.0;
     for k in 0..20_000_i32 {
         let t = f64::from(k) * dt;
-        let (deck, rate) = (0.1 * (w * t).sin(), 0.1 * w * (w * t).cos());
+        let deck = 0.1 * (w * t).sin();
+        let rate = 0.1 * w * (w * t).cos();
         let command = if compensated {
             lead(&[deck, 0.0, 0.0], &[rate, 0.0, 0.0], lag)[0]
         } else {
@@ -99,7 +107,16 @@ fn feedback_tilt_over_the_deck() {
     assert!(off(Authority::descent(&c)) > 3.0 * touching);
 }
 
-fn everything(n: u32, now: Time<DroneClock>, state: State, height: f64) -> PilotIn {
+fn new_pilot() -> Pilot {
+    Pilot::new(
+        &PilotConfig::default(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        1,
+    )
+}
+fn everything(n: u32, now: DroneTime, state: State, height: f64) -> PilotIn {
     let header = header(n, now);
     let stage = PlanStage {
         position: [1.0, 2.0, -1.6 - height],
@@ -193,13 +210,14 @@ fn idle_thrust_on_the_ground() {
         assert_eq!((0.0..0.15).contains(&s.thrust), stands, "{range_m:?}: {s:?}");
     }
     // Without a rangefinder the drone stands at the height at which it was disarmed.
-    let mut pilot = Pilot::new(&PilotConfig::default(), &drone, &DeckGeometry::default(), 1, 1);
+    let mut pilot = new_pilot();
     let mut last = SetPoint::default();
     for k in 0..200 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
         let mut input = everything(k, now, State::Idle, 0.0);
         let autopilot = input.autopilot.as_mut().unwrap();
-        (autopilot.landed, autopilot.armed) = (LandedState::OnGround, k >= 100);
+        autopilot.landed = LandedState::OnGround;
+        autopilot.armed = k >= 100;
         last = pilot.step(now, &input).set_point.unwrap();
     }
     assert!((0.0..0.15).contains(&last.thrust), "{last:?}");
@@ -208,22 +226,20 @@ fn idle_thrust_on_the_ground() {
 #[test]
 fn response_with_manual_attitudes() {
     // A pilot rocks the drone by remote control while set-points are streamed for the handover.
-    let mut pilot = Pilot::new(
-        &PilotConfig::default(),
-        &DroneGeometry::default(),
-        &DeckGeometry::default(),
-        1,
-        1,
-    );
+    let mut pilot = new_pilot();
     let before = pilot.response.get().lag_s;
     for k in 0..1000 {
         let t = f64::from(k) * 0.01;
         let now = Time::from_secs(5.0 + t);
         let mut i = everything(k, now, State::Idle, 5.0);
         i.autopilot.as_mut().unwrap().mode = AutopilotMode::Other;
-        let q = UnitQuaternion::from_euler_angles(0.2 * (2.0 * t).sin(), 0.0, 0.0);
         let d = i.drone.as_mut().unwrap();
-        (d.attitude, d.rates) = ([q.w, q.i, q.j, q.k], [0.4 * (2.0 * t).cos(), 0.0, 0.0]);
+        d.attitude = wxyz(&UnitQuaternion::from_euler_angles(
+            0.2 * (2.0 * t).sin(),
+            0.0,
+            0.0,
+        ));
+        d.rates = [0.4 * (2.0 * t).cos(), 0.0, 0.0];
         pilot.step(now, &i);
     }
     assert_eq!(pilot.response.get().lag_s, before);
@@ -244,8 +260,9 @@ fn attitude_beyond_the_tilt_limit() {
         let s = after(State::Descent, 5.0, 0.1, |i| {
             let attitude = UnitQuaternion::from_euler_angles(tilt, 0.0, 0.0);
             let d = i.drone.as_mut().unwrap();
-            (d.position, d.velocity) = ([1.0, 2.0, -6.6], [0.0, 0.0, -3.0]);
-            d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
+            d.position = [1.0, 2.0, -6.6];
+            d.velocity = [0.0, 0.0, -3.0];
+            d.attitude = wxyz(&attitude);
         });
         let commanded = (s.attitude() * Vector3::z()).angle(&Vector3::z());
         assert!(commanded <= limit + 1e-6, "{tilt}: {s:?}");
@@ -299,23 +316,11 @@ fn withdrawn_landing_with_plans_that_go_on() {
         first
     };
     for until in [5.9, 6.0] {
-        let mut pilot = Pilot::new(
-            &PilotConfig::default(),
-            &DroneGeometry::default(),
-            &DeckGeometry::default(),
-            1,
-            1,
-        );
+        let mut pilot = new_pilot();
         let first = climbs_from(&mut pilot, until).unwrap();
         assert!((6.1..6.3).contains(&first), "{first}");
     }
-    let mut other = Pilot::new(
-        &PilotConfig::default(),
-        &DroneGeometry::default(),
-        &DeckGeometry::default(),
-        1,
-        1,
-    );
+    let mut other = new_pilot();
     assert_eq!(climbs_from(&mut other, 7.0), None, "the planner responds");
 }
 
@@ -354,13 +359,7 @@ fn stale_plan() {
 
 #[test]
 fn climb_without_a_plan_from_a_rising_deck() {
-    let mut pilot = Pilot::new(
-        &PilotConfig::default(),
-        &DroneGeometry::default(),
-        &DeckGeometry::default(),
-        1,
-        1,
-    );
+    let mut pilot = new_pilot();
     let mut last = SetPoint::default();
     for k in 0..200 {
         let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
@@ -376,91 +375,112 @@ fn climb_without_a_plan_from_a_rising_deck() {
     assert_eq!(last.velocity[2], -3.0);
 }
 
-/// Thrust, as a fraction of hover, `age_s` after the last plan, which sinks at `planned_mps`. The drone sinks at 2 m/s,
-/// 0.6 m above a resting deck and tilted by `tilt`.
-fn thrust_of_old_plan(age_s: f64, planned_mps: f64, tilt: f64) -> f64 {
-    let geometry = DroneGeometry::default();
-    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, &DeckGeometry::default(), 1, 1);
-    let mut thrust = pilot.estimate.hover();
-    for k in 0..=(20 + (100.0 * age_s) as u32) {
-        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
-        let mut input = everything(k, now, State::Flare, 0.6);
-        let d = input.drone.as_mut().unwrap();
-        let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
-        d.velocity = [0.0, 0.0, 2.0];
-        d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
-        // The specific force is that of the last command's thrust.
-        d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
-        let stage = PlanStage {
-            position: d.position,
-            velocity: [0.0, 0.0, planned_mps],
-            ..PlanStage::default()
-        };
-        let new = |p: Plan| plan(p.header, |_| stage);
-        input.plan = input.plan.map(new).filter(|_| k <= 20);
-        thrust = pilot.step(now, &input).set_point.unwrap().thrust;
+/// Thrust, as a fraction of hover, of a drone in the flare, `age_s` after the last plan.
+#[derive(Clone, Copy)]
+struct InFlare {
+    age_s: f64,
+    clearance_m: f64,
+    sinks_mps: f64,
+    planned_mps: f64,
+    /// Upward acceleration of the deck, m/s².
+    rises_mps2: f64,
+    /// Tilt of the drone, rad, and its speed in the direction of the tilt, m/s.
+    tilt: f64,
+    along_mps: f64,
+}
+
+/// Drone that sinks at 2 m/s, as planned, 0.6 m above a resting deck.
+const SINKS: InFlare = InFlare {
+    age_s: 0.0,
+    clearance_m: 0.6,
+    sinks_mps: 2.0,
+    planned_mps: 2.0,
+    rises_mps2: 0.0,
+    tilt: 0.0,
+    along_mps: 0.0,
+};
+
+impl InFlare {
+    fn thrust(self) -> f64 {
+        let geometry = DroneGeometry::default();
+        let mut pilot = new_pilot();
+        let mut thrust = pilot.estimate.hover();
+        for k in 0..=(20 + (100.0 * self.age_s) as u32) {
+            let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
+            let mut input = everything(k, now, State::Flare, self.clearance_m);
+            let d = input.drone.as_mut().unwrap();
+            d.velocity = [-self.along_mps, 0.0, self.sinks_mps];
+            d.attitude = wxyz(&UnitQuaternion::from_euler_angles(0.0, self.tilt, 0.0));
+            // The specific force is that of the last command's thrust.
+            d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
+            let stage = PlanStage {
+                position: d.position,
+                velocity: [-self.along_mps, 0.0, self.planned_mps],
+                ..PlanStage::default()
+            };
+            let new = |p: Plan| plan(p.header, |_| stage);
+            input.plan = input.plan.map(new).filter(|_| k <= 20);
+            let deck = DeckStage {
+                acceleration: [0.0, 0.0, -self.rises_mps2],
+                ..level([0.0, 0.0, -1.3])
+            };
+            input.forecast = input.forecast.map(|f| forecast(f.header, |_| deck));
+            thrust = pilot.step(now, &input).set_point.unwrap().thrust;
+        }
+        thrust * geometry.max_thrust_n / (geometry.mass_kg * GRAVITY)
     }
-    thrust * geometry.max_thrust_n / (geometry.mass_kg * GRAVITY)
 }
 
 #[test]
 fn braking_of_a_plan_not_renewed() {
     // The deceleration is (2² - 0.5²) / 2 (0.6 - 0.1) m/s², within half of the rotors' reserve beyond hover.
-    let braked = thrust_of_old_plan(0.2, 2.0, 0.0);
+    let old = InFlare { age_s: 0.2, ..SINKS };
+    let braked = old.thrust();
     assert!((1.3..1.5).contains(&braked), "{braked}");
     // Tilted by 0.5 rad the same vertical force needs more thrust.
-    let tilted = thrust_of_old_plan(0.2, 2.0, 0.5);
+    let tilted = InFlare { tilt: 0.5, ..old }.thrust();
     assert!(tilted > 1.05 * braked, "{tilted} {braked}");
     // A plan that already brakes harder is followed.
-    let soft = thrust_of_old_plan(0.2, 0.2, 0.0);
-    assert!(soft > braked, "{soft}");
-}
-
-/// Thrust, as a fraction of hover, that follows a plan at `sinks_mps` downwards, `clearance_m` above a deck that
-/// accelerates upwards at `rises_mps2`. The drone is tilted by `tilt` (rad) and moves at `along_mps` in the direction
-/// of the tilt.
-fn thrust_onto_deck(sinks_mps: f64, clearance_m: f64, rises_mps2: f64, [tilt, along_mps]: [f64; 2]) -> f64 {
-    let geometry = DroneGeometry::default();
-    let mut pilot = Pilot::new(&PilotConfig::default(), &geometry, &DeckGeometry::default(), 1, 1);
-    let mut thrust = pilot.estimate.hover();
-    for k in 0..=20 {
-        let now = Time::from_secs(5.0 + f64::from(k) * 0.01);
-        let mut input = everything(k, now, State::Flare, clearance_m);
-        let d = input.drone.as_mut().unwrap();
-        d.velocity = [-along_mps, 0.0, sinks_mps];
-        let attitude = UnitQuaternion::from_euler_angles(0.0, tilt, 0.0);
-        d.attitude = [attitude.w, attitude.i, attitude.j, attitude.k];
-        d.specific_force = [0.0, 0.0, -pilot.estimate.specific(thrust)];
-        let stage = PlanStage {
-            position: d.position,
-            velocity: d.velocity,
-            ..PlanStage::default()
-        };
-        input.plan = input.plan.map(|p| plan(p.header, |_| stage));
-        let deck = DeckStage {
-            acceleration: [0.0, 0.0, -rises_mps2],
-            ..level([0.0, 0.0, -1.3])
-        };
-        input.forecast = input.forecast.map(|f| forecast(f.header, |_| deck));
-        thrust = pilot.step(now, &input).set_point.unwrap().thrust;
+    let soft = InFlare {
+        planned_mps: 0.2,
+        ..old
     }
-    thrust * geometry.max_thrust_n / (geometry.mass_kg * GRAVITY)
+    .thrust();
+    assert!(soft > braked, "{soft}");
 }
 
 #[test]
 fn braking_of_a_drone_too_fast_onto_the_deck() {
     // The plan is followed while v² is at most 0.35² + 2 3 (h - 0.05 v).
-    for (sinks, clearance) in [(2.0, 1.0), (1.0, 0.3), (0.3, 0.1)] {
-        let followed = thrust_onto_deck(sinks, clearance, 0.0, [0.0; 2]);
-        assert!((0.9..1.1).contains(&followed), "{sinks}: {followed}");
+    for (speed, clearance_m) in [(2.0, 1.0), (1.0, 0.3), (0.3, 0.1)] {
+        let flown = InFlare {
+            clearance_m,
+            sinks_mps: speed,
+            planned_mps: speed,
+            ..SINKS
+        };
+        let followed = flown.thrust();
+        assert!((0.9..1.1).contains(&followed), "{speed}: {followed}");
     }
     // The deceleration is (2² - 0.25²) / 2 (0.6 - 0.1 - 0.05) m/s².
-    let braked = thrust_onto_deck(2.0, 0.6, 0.0, [0.0; 2]);
+    let braked = SINKS.thrust();
     assert!((1.35..1.55).contains(&braked), "{braked}");
     // The plan is followed above a deck that accelerates upwards and so reduces the rotors' reserve.
-    assert!(thrust_onto_deck(2.0, 1.0, 8.0, [0.0; 2]) > 1.8);
+    let rising = InFlare {
+        clearance_m: 1.0,
+        rises_mps2: 8.0,
+        ..SINKS
+    };
+    assert!(rising.thrust() > 1.8);
     // A tilted drone brakes only until its speeds along and onto the deck are equal.
-    let [slow, fast] = [-1.0, 1.8].map(|along| thrust_onto_deck(2.0, 0.6, 0.0, [0.2, along]));
+    let [slow, fast] = [-1.0, 1.8].map(|along_mps| {
+        InFlare {
+            tilt: 0.2,
+            along_mps,
+            ..SINKS
+        }
+        .thrust()
+    });
     assert!(
         slow > braked - 0.05 && fast < braked - 0.2,
         "{slow} {fast} {braked}"
@@ -470,7 +490,8 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
 /// Set-point a second after the loss of plan and mission, 0.3 m above a deck that then rises.
 fn alone(state: State, rise_mps2: f64) -> SetPoint {
     after(state, 0.3, 1.0, |i| {
-        (i.plan, i.mission) = (None, None);
+        i.plan = None;
+        i.mission = None;
         let deck = |t: f64| DeckStage {
             velocity: [0.0, 0.0, -rise_mps2 * t],
             ..level([0.0, 0.0, -1.3 - 0.5 * rise_mps2 * t * t])
@@ -520,13 +541,7 @@ impl Answers {
 
 #[test]
 fn false_touchdown_taken_back() {
-    let mut pilot = Pilot::new(
-        &PilotConfig::default(),
-        &DroneGeometry::default(),
-        &DeckGeometry::default(),
-        1,
-        1,
-    );
+    let mut pilot = new_pilot();
     let mut answers = Answers::default();
     let mut next = |pilot: &mut Pilot, state, armed| answers.next(pilot, state, armed);
     assert_eq!(next(&mut pilot, State::Flare, true), Motors::Run);
@@ -547,7 +562,8 @@ fn pilot_at_an_origin_reset() {
     let s = after(State::Tracking, 6.0, 0.3, |i| {
         i.plan = None;
         let drone = i.drone.as_mut().unwrap();
-        (drone.frames, drone.position[0]) = (1, 3.0);
+        drone.frames = 1;
+        drone.position[0] = 3.0;
     });
     assert_eq!(s.position, [3.0, 0.0, -7.6]);
 }
@@ -580,7 +596,7 @@ proptest! {
             (any::<u8>(), 0..10_u8, prop::array::uniform6(wild()), -200..900_i64, 0.0..3.0_f64, 1..40_u32), 1..40),
         landing in any::<bool>(),
     ) {
-        let mut pilot = Pilot::new(&PilotConfig::default(), &DroneGeometry::default(), &DeckGeometry::default(), 1, 1);
+        let mut pilot = new_pilot();
         let mut now = Time::from_secs(5.0);
         let mut n = 0;
         let states = [

@@ -16,7 +16,7 @@
 
 use alight_shared::estimation::{low_pass, median};
 use alight_shared::msg::Header;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime, Time};
 use alight_shared::topics;
 
 use serde::{Deserialize, Serialize};
@@ -24,13 +24,11 @@ use serde::{Deserialize, Serialize};
 use crate::contingency::HARD_MPS;
 use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
 
-type DroneTime = Time<DroneClock>;
-
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {
     /// `at` is the time of confirmation.
     pub header: Header<DroneClock>,
-    pub suspected_at: Time<DroneClock>,
+    pub suspected_at: DroneTime,
     /// Rangefinder reading, m; None without one.
     pub range_m: Option<f64>,
     /// Height of the foot plane above the forecast deck, m.
@@ -204,7 +202,8 @@ impl TouchdownDetector {
     }
     pub(crate) fn clear(&mut self) {
         self.contact = TouchdownContact::Clear;
-        (self.loaded, self.falls) = (None, None);
+        self.loaded = None;
+        self.falls = None;
     }
     pub(crate) fn range(&mut self, at: DroneTime, range_m: f64) {
         if range_m < self.feet_range - BELOW_FEET_M {
@@ -231,7 +230,9 @@ impl TouchdownDetector {
         if self.witness.contradicts() || !self.stays() {
             return false;
         }
-        let (mut n, mut sum, mut oldest) = (0_u32, 0.0, 0.0_f64);
+        let mut n = 0_u32;
+        let mut sum = 0.0;
+        let mut oldest = 0.0_f64;
         for (at, r) in &self.readings {
             let age = (now - *at).secs();
             if age > RESTING_S {
@@ -272,7 +273,9 @@ impl TouchdownDetector {
     fn weigh(&mut self, dt: f64, e: &TouchdownEvidence) -> f64 {
         if let Some(max_thrust) = e.begins_within {
             // Only a force above the maximum thrust indicates a contact.
-            (self.excess, self.sure_excess, self.air) = (0.0, 0.0, 0.0);
+            self.excess = 0.0;
+            self.sure_excess = 0.0;
+            self.air = 0.0;
             return e.force.map_or(0.0, |force| force - max_thrust);
         }
         let (Some(force), Some(thrust), Some(sure)) =

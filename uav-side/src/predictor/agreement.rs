@@ -3,7 +3,7 @@
 //! neighbouring deck have the right ids at the wrong position.
 
 use alight_shared::estimation::low_pass;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 
 use super::axis::AxisNoise;
 
@@ -27,7 +27,7 @@ pub(super) struct HeightAgreement {
 
 #[derive(Clone, Copy, Debug)]
 struct Averaged {
-    at: Time<DroneClock>,
+    at: DroneTime,
     /// Mean of the normalised innovation squared.
     mean: f64,
     /// Decaying maximum of the mean, so that a faulty source stays rejected.
@@ -36,9 +36,9 @@ struct Averaged {
 
 impl HeightAgreement {
     /// Adds a reading with this innovation, in standard deviations.
-    pub(super) fn take(&mut self, at: Time<DroneClock>, innovation_sd: f64) {
+    pub(super) fn take(&mut self, at: DroneTime, innovation_sd: f64) {
         let squared = innovation_sd.powi(2).min(MAX_SQUARE);
-        let since = |then: Time<DroneClock>| (at - then).secs().max(0.0);
+        let since = |then: DroneTime| (at - then).secs().max(0.0);
         let (mean, peak, dt) = self.newest.map_or((1.0, 1.0, 0.0), |n| {
             let dt = since(n.at);
             (if dt <= MEMORY_S { n.mean } else { 1.0 }, n.peak, dt)
@@ -48,7 +48,7 @@ impl HeightAgreement {
         self.newest = Some(Averaged { at, mean, peak });
     }
     /// Recent maximum of the mean; 1 if errors are as stated. None without readings or a remembered contradiction.
-    pub(super) fn value(&self, now: Time<DroneClock>) -> Option<f64> {
+    pub(super) fn value(&self, now: DroneTime) -> Option<f64> {
         let n = self.newest?;
         let since = (now - n.at).secs().max(0.0);
         let peak = n.peak * (-since / RELEASE_S).exp();
@@ -72,6 +72,7 @@ pub(super) fn place(offset: [f64; 2], more: f64, noise: &[AxisNoise], taken: [f6
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     fn after(seconds: f64, innovation_sd: impl Fn(f64) -> f64) -> HeightAgreement {
         let mut a = HeightAgreement::default();
@@ -99,7 +100,9 @@ mod tests {
         station.take(Time::from_secs(60.0), 40.0);
         let spot = station.value(Time::from_secs(60.0)).unwrap();
         assert!(spot < 9.0, "{spot}");
-        (1..20).for_each(|k| station.take(Time::from_secs(60.0 + 0.04 * f64::from(k)), 40.0));
+        for k in 1..20 {
+            station.take(Time::from_secs(60.0 + 0.04 * f64::from(k)), 40.0);
+        }
         assert!(station.value(Time::from_secs(61.0)).unwrap() > 9.0);
         // Without readings there is neither agreement nor contradiction, unless a contradiction is remembered.
         assert_eq!(after(6.0, |_| 1.0).value(Time::from_secs(9.1)), None);

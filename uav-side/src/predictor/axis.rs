@@ -165,11 +165,13 @@ impl OscillatorTransition {
             q: [[0.0; 3]; MAX_OSCILLATORS],
         };
         for (i, o) in oscillators.iter().take(MAX_OSCILLATORS).enumerate() {
-            let (w, l) = (o.omega, o.damping[axis]);
+            let w = o.omega;
+            let l = o.damping[axis];
             let wd = w * (1.0 - l * l).max(1e-6).sqrt();
             let e = (-l * w * dt).exp();
             let (sin, cos) = (wd * dt).sin_cos();
-            let (c, n) = (e * cos, e * sin / wd);
+            let c = e * cos;
+            let n = e * sin / wd;
             let a = [c + l * w * n, n, -w * w * n, c - l * w * n];
             let w2 = w * w;
             s.q[i] = [
@@ -296,7 +298,8 @@ impl Axis {
         for (k, a) in a.iter().enumerate() {
             let i = HEAD + 2 * k;
             for j in 0..n {
-                let (v, r) = (self.p[i][j], self.p[i + 1][j]);
+                let v = self.p[i][j];
+                let r = self.p[i + 1][j];
                 self.p[i][j] = a[0] * v + a[1] * r;
                 self.p[i + 1][j] = a[2] * v + a[3] * r;
             }
@@ -317,7 +320,8 @@ impl Axis {
         self.p[DRIFT][DRIFT] += q.drift;
         self.p[TURN][TURN] += q.turn;
         for (k, (q, o)) in step_of.q.iter().zip(oscillators).take(step.count).enumerate() {
-            let (i, var) = (HEAD + 2 * k, o.sd[axis].powi(2));
+            let i = HEAD + 2 * k;
+            let var = o.sd[axis].powi(2);
             self.p[i][i] += var * q[0];
             self.p[i][i + 1] += var * q[1];
             self.p[i + 1][i] += var * q[1];
@@ -447,7 +451,8 @@ impl Head {
         v[TURN] *= self.turn;
         for (k, a) in oscillators.iter().enumerate() {
             let i = HEAD + 2 * k;
-            let (value, rate) = (v[i], v[i + 1]);
+            let value = v[i];
+            let rate = v[i + 1];
             v[i] = a[0] * value + a[1] * rate;
             v[i + 1] = a[2] * value + a[3] * rate;
         }
@@ -456,7 +461,8 @@ impl Head {
     /// drift and its effect on vision's slow error are exact: with their decay rates `a` and `b`, a pulse of drift has
     /// added `g(s) = (e^-bs - e^-as) / (a - b)` after `s`; the (co)variances are the integrals of `g²` and `g e^-bs`.
     pub fn noise(&self, n: &AxisNoise, dt: f64) -> HeadNoise {
-        let (sd, left) = (n.drift.0, self.drift);
+        let sd = n.drift.0;
+        let left = self.drift;
         let (a, b, apart) = decays(n);
         let density = 2.0 * b * sd * sd;
         let both = (1.0 - left * self.vision) / (a + b);
@@ -478,7 +484,8 @@ impl Head {
 
 /// Decay rates of vision's slow error and of its drift (1/s), and their difference, which is never zero.
 fn decays(n: &AxisNoise) -> (f64, f64, f64) {
-    let (a, b) = (1.0 / n.vision.1, 1.0 / n.drift.1);
+    let a = 1.0 / n.vision.1;
+    let b = 1.0 / n.drift.1;
     let b = if (a - b).abs() < 1e-3 * a { 1.002 * a } else { b };
     (a, b, a - b)
 }

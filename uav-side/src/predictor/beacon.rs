@@ -13,7 +13,7 @@ use alight_shared::msg::{
     BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, Header, MAX_BEACON_MPS, MAX_POSITION_M,
     MIN_BEACON_SD_M, Message as _, Seq,
 };
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::{Matrix2, Vector2};
 
 use super::agreement::PLACE_SD;
@@ -63,7 +63,8 @@ impl Axis {
     fn after(&self, dt: f64, speed_mps: f64) -> Axis {
         let f = Matrix2::new(1.0, dt, 0.0, 1.0);
         let walk = (VELOCITY_WALK_MPS + SPEED_WALK * speed_mps).powi(2);
-        let (cross, place) = (0.5 * walk * dt * dt, walk * dt.powi(3) / 3.0);
+        let cross = 0.5 * walk * dt * dt;
+        let place = walk * dt.powi(3) / 3.0;
         let q = Matrix2::new(place, cross, cross, walk * dt);
         Axis {
             x: f * self.x,
@@ -102,7 +103,7 @@ pub(super) struct BeaconTrack {
     newest: DeckBeacon,
     axes: [Axis; 2],
     /// Deck position by vision minus that by the beacon, m, and its time.
-    offset: Option<(Time<DroneClock>, Vector2<f64>)>,
+    offset: Option<(DroneTime, Vector2<f64>)>,
 }
 
 /// Position or velocity of a vessel, north and east, m or m/s, and its standard deviation per axis.
@@ -116,7 +117,7 @@ impl BeaconTrack {
     /// Track that starts from radio and camera: `place` of the deck in the drone's NED, and mean `velocity`. None for a
     /// vessel that is too fast or too far away for a beacon message.
     pub(super) fn of_vessel(
-        now: Time<DroneClock>,
+        now: DroneTime,
         drone: &DroneState,
         place: &Level,
         velocity: &Level,
@@ -148,27 +149,27 @@ impl BeaconTrack {
             offset: None,
         }
     }
-    fn lasts(&self, now: Time<DroneClock>) -> bool {
+    fn lasts(&self, now: DroneTime) -> bool {
         (now - self.newest.header.at).secs() <= self.newest.lasts_s
     }
-    fn axes_at(&self, t: Time<DroneClock>) -> [Axis; 2] {
+    fn axes_at(&self, t: DroneTime) -> [Axis; 2] {
         let dt = (t - self.newest.header.at).secs().max(0.0);
         let [north, east] = self.axes.map(|a| a.x[1]);
         self.axes.map(|a| a.after(dt, north.hypot(east)))
     }
     /// Standard deviation of the position at `t` without the camera's correction, m.
-    fn sd_m(&self, t: Time<DroneClock>) -> f64 {
+    fn sd_m(&self, t: DroneTime) -> f64 {
         let [n, e] = self.axes_at(t).map(|a| a.p[(0, 0)]);
         n.max(e).sqrt().hypot(self.newest.place_sd_m)
     }
     /// Standard deviation of a message's position at `t`, m: as stated, plus possible velocity changes since.
-    fn message_sd_m(m: &DeckBeacon, t: Time<DroneClock>) -> f64 {
+    fn message_sd_m(m: &DeckBeacon, t: DroneTime) -> f64 {
         let variance = |t| BeaconTrack::new(m).sd_m(t).powi(2);
         (m.place_sd_m.powi(2) + (variance(t) - variance(m.header.at))).sqrt()
     }
     /// Adds a checked message. A message from another source replaces the track if the current track has ended, is
     /// clearly less accurate, or is silent and not more accurate. Returns whether the message is used.
-    pub(super) fn receive(track: &mut Option<BeaconTrack>, now: Time<DroneClock>, m: &DeckBeacon) -> bool {
+    pub(super) fn receive(track: &mut Option<BeaconTrack>, now: DroneTime, m: &DeckBeacon) -> bool {
         let fresh = (now - m.header.at).secs() <= m.lasts_s;
         let known = track.filter(|t| t.lasts(now));
         let Some(mut known) = known.filter(|_| fresh) else {
@@ -190,16 +191,18 @@ impl BeaconTrack {
             return false;
         }
         let place: Vector<DroneNed> = known.origin.to(&m.place());
-        let (v, mut axes) = (m.velocity(), known.axes_at(m.header.at));
+        let v = m.velocity();
+        let mut axes = known.axes_at(m.header.at);
         for (i, axis) in axes.iter_mut().enumerate() {
             axis.update(m, Vector2::new(place.0[i], v[i]));
         }
-        (known.axes, known.newest) = (axes, *m);
+        known.axes = axes;
+        known.newest = *m;
         *track = Some(known);
         true
     }
     /// Updates the beacon's error from the deck's position by vision (north and east in the drone's NED, m).
-    pub(super) fn learn(&mut self, now: Time<DroneClock>, drone: &DroneState, detected: Vector2<f64>) {
+    pub(super) fn learn(&mut self, now: DroneTime, drone: &DroneState, detected: Vector2<f64>) {
         if let Some(at) = self.placed(now, drone) {
             self.offset = Some((now, detected - at));
         }
@@ -211,7 +214,7 @@ impl BeaconTrack {
         }
     }
     /// Position from the beacon alone, in the drone's NED, m. None if it is too far away for a tangent plane.
-    fn placed(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<Vector2<f64>> {
+    fn placed(&self, now: DroneTime, drone: &DroneState) -> Option<Vector2<f64>> {
         let origin = Datum {
             height_m: 0.0,
             ..drone.datum
@@ -222,7 +225,7 @@ impl BeaconTrack {
         (place.norm() < MAX_POSITION_M).then_some(place)
     }
     /// Current estimate; None once the track has ended.
-    pub(super) fn known(&self, now: Time<DroneClock>, drone: &DroneState) -> Option<BeaconEstimate> {
+    pub(super) fn known(&self, now: DroneTime, drone: &DroneState) -> Option<BeaconEstimate> {
         let place = self.placed(now, drone).filter(|_| self.lasts(now))?;
         let axes = self.axes_at(now);
         let slow = self.newest.place_sd_m.hypot(OWN_SD_M).powi(2);
@@ -263,7 +266,8 @@ impl BeaconEstimate {
     }
     /// Stages every `step_s`: a level deck at height `deck_z` (NED, m) on a straight course.
     pub(super) fn stages(&self, deck_z: f64, step_s: f64) -> Seq<DeckStage, FORECAST_STAGES> {
-        let (v, v_sd) = (self.velocity, self.velocity_sd_mps);
+        let v = self.velocity;
+        let v_sd = self.velocity_sd_mps;
         Seq::filled((0..FORECAST_STAGES).map(|k| {
             let ahead_s = step_s * k as f64;
             let place = self.place + v * ahead_s;
@@ -287,6 +291,7 @@ impl BeaconEstimate {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
 
     const ORIGIN: Datum = Datum::new(47.6, -122.4, 12.0);
 
@@ -407,7 +412,8 @@ mod tests {
             let taken = BeaconTrack::receive(&mut track, Time::from_secs(at_s), &m);
             assert_eq!(taken, counts, "{place_sd_m} m at {at_s} s");
         }
-        let (mut track, now) = (followed(20), Time::from_secs(23.5));
+        let mut track = followed(20);
+        let now = Time::from_secs(23.5);
         let alike = message(BeaconSource::FollowTarget, 23.5, 40.0, 5.0);
         assert!(BeaconTrack::receive(&mut track, now, &alike), "silent for 3.5 s");
         // The error of an old message exceeds its stated error.

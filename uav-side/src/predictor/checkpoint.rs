@@ -4,7 +4,7 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DroneState, PredictorCheckpoint};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::Vector3;
 
 use super::axis::AxisNoise;
@@ -13,7 +13,7 @@ use super::waves::AXES;
 use alight_shared::checkpoint::validate;
 
 pub(super) fn is_valid(
-    now: Time<DroneClock>,
+    now: DroneTime,
     drone: &DroneState,
     vessel_boot: u32,
     m: &PredictorCheckpoint,
@@ -22,11 +22,7 @@ pub(super) fn is_valid(
 }
 
 /// Variances of the checkpoint's offsets at `now`.
-pub(super) fn variances(
-    now: Time<DroneClock>,
-    noise: &[AxisNoise; AXES],
-    m: &PredictorCheckpoint,
-) -> [f64; AXES] {
+pub(super) fn variances(now: DroneTime, noise: &[AxisNoise; AXES], m: &PredictorCheckpoint) -> [f64; AXES] {
     let age = (now - m.header.at).secs().max(0.0);
     core::array::from_fn(|i| aged(m.offset_sd[i].powi(2), &noise[i], age))
 }
@@ -57,6 +53,7 @@ fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
 
     #[test]
     fn checkpoint_of_a_moved_origin() {

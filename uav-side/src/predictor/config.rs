@@ -3,7 +3,8 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
 /// Three lengths (m), and three angles (degrees, converted to rad).
 fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {
-    let ([n, e, d], [r, p, y]) = (lengths, degrees.map(f64::to_radians));
+    let [n, e, d] = lengths;
+    let [r, p, y] = degrees.map(f64::to_radians);
     [n, e, d, r, p, y]
 }
 

@@ -4,19 +4,18 @@ use std::collections::VecDeque;
 
 use alight_shared::estimation::AidSource;
 use alight_shared::msg::PredictorCheckpoint;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use nalgebra::{Rotation2, Vector2};
 
-use super::agreement;
 use super::axis::{
     Axis, AxisNoise, HEAD, Innovation, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION,
 };
 use super::forecast::STEERAGE_MPS;
 use super::measurement::innovations;
 use super::observation::{DeckObservation, ObservationKind};
-use super::shift;
 use super::track::FrameJump;
 use super::waves::{AXES, TILT, Waves};
+use super::{agreement, shift};
 
 /// Maximum number of observations stored for reordering.
 const MAX_ENTRIES: usize = 96;
@@ -49,7 +48,7 @@ pub type FilterState = [Axis; AXES];
 
 #[derive(Clone, Debug)]
 struct Entry {
-    at: Time<DroneClock>,
+    at: DroneTime,
     observation: Option<DeckObservation>,
     after: Box<FilterState>,
 }
@@ -71,7 +70,7 @@ pub struct Filter {
     by_relative: bool,
     /// Sum of the autopilot's estimate jumps that changed vision's slow error minus the radio's, north and east, m.
     taken: [f64; 2],
-    started: Time<DroneClock>,
+    started: DroneTime,
 }
 
 impl Filter {
@@ -118,14 +117,15 @@ impl Filter {
             return;
         };
         for i in TILT {
-            let (axis, known) = (&mut first.after[i], &known[i]);
+            let axis = &mut first.after[i];
+            let known = &known[i];
             axis.x[VISION] = known.x[VISION];
             axis.x[MEAN] -= known.x[VISION];
             axis.p[VISION][VISION] = known.p[VISION][VISION];
         }
     }
 
-    pub fn at(&self, waves: &Waves, t: Time<DroneClock>) -> FilterState {
+    pub fn at(&self, waves: &Waves, t: DroneTime) -> FilterState {
         let i = self.entries.partition_point(|e| e.at <= t).max(1);
         let Some(before) = self.entries.get(i - 1) else {
             // Unreachable, since entries are never empty.
@@ -135,7 +135,7 @@ impl Filter {
         self.advance(&mut state, waves, before.at, t);
         state
     }
-    pub fn started(&self) -> Time<DroneClock> {
+    pub fn started(&self) -> DroneTime {
         self.started
     }
     /// State after the newest observation.
@@ -145,7 +145,7 @@ impl Filter {
     pub fn source(&self, kind: ObservationKind) -> &AidSource<DroneClock> {
         &self.sources[kind as usize]
     }
-    pub fn newest(&self) -> Option<Time<DroneClock>> {
+    pub fn newest(&self) -> Option<DroneTime> {
         self.entries.back().map(|e| e.at)
     }
     pub fn set_radio_available(&mut self, radio_available: bool) {
@@ -173,7 +173,7 @@ impl Filter {
 
     /// Propagates a state from the newest modes at `from` to the newest modes at `to`. The difference between the modes
     /// of two messages is not a motion of the deck, so it is moved into the residual.
-    fn advance(&self, s: &mut FilterState, waves: &Waves, from: Time<DroneClock>, to: Time<DroneClock>) {
+    fn advance(&self, s: &mut FilterState, waves: &Waves, from: DroneTime, to: DroneTime) {
         let dt = to - from;
         if dt <= Span::ZERO {
             return;
@@ -255,7 +255,7 @@ impl Filter {
         }
     }
     /// Recomputes the states since `since` with newer modes.
-    pub fn rebase(&mut self, waves: &Waves, since: Time<DroneClock>) {
+    pub fn rebase(&mut self, waves: &Waves, since: DroneTime) {
         self.replay(waves, self.entries.partition_point(|e| e.at < since).max(1));
     }
 
@@ -325,9 +325,9 @@ impl Filter {
             ObservationKind::Range => {}
         }
         for (k, group) in GROUPS.iter().enumerate() {
-            group
-                .iter()
-                .for_each(|&i| self.observed[i] |= used(k) && o.value[i].is_some());
+            for &i in *group {
+                self.observed[i] |= used(k) && o.value[i].is_some();
+            }
         }
     }
 

@@ -1,9 +1,8 @@
 //! Forecast of the deck's motion over the horizon, from the current state of the filters.
 
 use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::Seq;
-use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP, Seq};
+use alight_shared::time::DroneTime;
 use alight_shared::vessel_model::turn_tilt;
 use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
 
@@ -65,13 +64,14 @@ impl Horizon {
         noise: &[AxisNoise; AXES],
         common: &[(f64, f64); AXES],
         clock_var: f64,
-        (waves, now): (&Waves, Time<DroneClock>),
+        (waves, now): (&Waves, DroneTime),
     ) -> Seq<DeckStage, FORECAST_STAGES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
         let knots: [[[f64; 3]; KNOTS.len()]; AXES] =
             core::array::from_fn(|i| core::array::from_fn(|k| self.variance(&axes[i], &noise[i], i, k)));
-        let (mut modes, variance) = (waves.modes(now, self.stage_s), waves.variance(now));
+        let mut modes = waves.modes(now, self.stage_s);
+        let variance = waves.variance(now);
         let mut out = Seq::new();
         let mut knot = 0;
         for k in 0..FORECAST_STAGES {
@@ -84,12 +84,14 @@ impl Horizon {
             while knot + 2 < KNOTS.len() && KNOTS[knot + 1] < k {
                 knot += 1;
             }
-            let (a, b) = (KNOTS[knot] as f64, KNOTS[knot + 1] as f64);
+            let a = KNOTS[knot] as f64;
+            let b = KNOTS[knot + 1] as f64;
             let f = ((k as f64 - a) / (b - a)).clamp(0.0, 1.0);
             let stage = self.stage(
                 &mean,
                 |i| {
-                    let (p, q) = (knots[i][knot], knots[i][knot + 1]);
+                    let p = knots[i][knot];
+                    let q = knots[i][knot + 1];
                     let of_modes = [1.0, square, square * square].map(|w| predicted[i] * w);
                     let common = [common[i].0, common[i].1, 0.0];
                     core::array::from_fn(|k| p[k] + f * (q[k] - p[k]) + common[k] + of_modes[k])
@@ -111,7 +113,7 @@ impl Horizon {
         &self,
         axes: &[Axis; AXES],
         noise: &[AxisNoise; AXES],
-        (waves, now): (&Waves, Time<DroneClock>),
+        (waves, now): (&Waves, DroneTime),
     ) -> Seq<[i8; 2], PREDICTED_SLOPES> {
         let mut mean: [[f64; MAX_STATES]; AXES] = core::array::from_fn(|i| axes[i].x);
         let heads: [Head; AXES] = core::array::from_fn(|i| Head::new(&noise[i], self.stage_s));
@@ -145,7 +147,8 @@ impl Horizon {
             x[DRIFT] *= h.drift;
             for (k, a) in self.stage.of(axis).a.iter().take(self.stage.count).enumerate() {
                 let i = HEAD + 2 * k;
-                let (v, r) = (x[i], x[i + 1]);
+                let v = x[i];
+                let r = x[i + 1];
                 x[i] = a[0] * v + a[1] * r;
                 x[i + 1] = a[2] * v + a[3] * r;
             }
@@ -167,14 +170,18 @@ impl Horizon {
         };
         let n = a.n.min(HEAD + 2 * step.count);
         let head = Head::new(noise, step.dt);
-        let (mut h, mut g, mut f) = ([0.0; MAX_STATES], [0.0; MAX_STATES], [0.0; MAX_STATES]);
+        let mut h = [0.0; MAX_STATES];
+        let mut g = [0.0; MAX_STATES];
+        let mut f = [0.0; MAX_STATES];
         h[MEAN] = 1.0;
         h[RATE] = head.reach;
         g[RATE] = head.rate;
         // Position and heading are in the drone's frame, which moves with the current drift of the odometry. The
         // unknown future drift moves drone and plan alike until the next detection, so it is omitted.
         let q = head.noise(noise, step.dt);
-        let (mut value, mut rate, mut acceleration) = (q.mean, q.rate, 0.0);
+        let mut value = q.mean;
+        let mut rate = q.rate;
+        let mut acceleration = 0.0;
         if in_vision_frame(axis) {
             h[VISION] = 1.0;
             h[DRIFT] = head.wander;
@@ -192,7 +199,8 @@ impl Horizon {
             let i = HEAD + 2 * j;
             (h[i], h[i + 1], g[i], g[i + 1]) = (t[0], t[1], t[2], t[3]);
             // x'' = -omega² x - 2 lambda omega x'.
-            let (stiff, damped) = (-o.omega * o.omega, -2.0 * o.damping[axis] * o.omega);
+            let stiff = -o.omega * o.omega;
+            let damped = -2.0 * o.damping[axis] * o.omega;
             (f[i], f[i + 1]) = (stiff * t[0] + damped * t[2], stiff * t[1] + damped * t[3]);
             let var = o.sd[axis].powi(2);
             value += var * n[0];
@@ -201,7 +209,9 @@ impl Horizon {
                 var * (stiff * stiff * n[0] + 2.0 * stiff * damped * n[1] + damped * damped * n[2]);
         }
         for i in 0..n {
-            let (mut ph, mut pg, mut pf) = (0.0, 0.0, 0.0);
+            let mut ph = 0.0;
+            let mut pg = 0.0;
+            let mut pf = 0.0;
             for (((p, h), g), f) in a.p[i].iter().zip(&h).zip(&g).zip(&f).take(n) {
                 ph += p * h;
                 pg += p * g;
@@ -215,7 +225,9 @@ impl Horizon {
     }
 
     fn mean(&self, mean: &[[f64; MAX_STATES]; AXES], lever_arm: &Vector3<f64>, modes: &DeckMotion) -> Mean {
-        let (mut v, mut r, mut a) = ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
+        let mut v = [0.0; AXES];
+        let mut r = [0.0; AXES];
+        let mut a = [0.0; AXES];
         for i in 0..AXES {
             let x = &mean[i];
             v[i] = x[MEAN] + if in_vision_frame(i) { x[VISION] } else { 0.0 };
@@ -242,10 +254,12 @@ impl Horizon {
         let by_compass = yaw + compass(&mean[5]);
         let (s, c) = by_compass.sin_cos();
         let (roll, pitch) = turn_tilt(v[3], v[4], by_compass);
-        let (dr, dp) = (c * r[3] + s * r[4], -s * r[3] + c * r[4]);
+        let dr = c * r[3] + s * r[4];
+        let dp = -s * r[3] + c * r[4];
         // On a turning vessel the axes rotate under a constant tilt.
         let rates = [dr + turn * pitch, dp - turn * roll];
-        let (ddr, ddp) = (c * a[3] + s * a[4], -s * a[3] + c * a[4]);
+        let ddr = c * a[3] + s * a[4];
+        let ddp = -s * a[3] + c * a[4];
         let [low, sinks, dives] = lever_arm_heave(lever_arm, [roll, pitch], rates, [ddr, ddp]);
         v[2] += low;
         r[2] += sinks;
@@ -289,7 +303,8 @@ impl Horizon {
         let rate_sd = |i: usize| (all[i][1] + a[i] * a[i] * clock_var).sqrt();
         let acceleration_sd = |i: usize| all[i][2].sqrt();
         let turned = |n: f64, e: f64| ((c * n).hypot(s * e), (s * n).hypot(c * e));
-        let (tilt_sd, tilt_rate_sd) = (turned(sd(3), sd(4)), turned(rate_sd(3), rate_sd(4)));
+        let tilt_sd = turned(sd(3), sd(4));
+        let tilt_rate_sd = turned(rate_sd(3), rate_sd(4));
         DeckStage {
             position_sd: [sd(0), sd(1), sd(2)],
             velocity_sd: [rate_sd(0), rate_sd(1), rate_sd(2)],
@@ -318,6 +333,7 @@ fn in_vision_frame(axis: usize) -> bool {
 mod tests {
     use super::super::config::PredictorConfig;
     use super::*;
+    use alight_shared::time::Time;
 
     #[test]
     fn deck_of_a_heeled_vessel_that_turns() {

@@ -26,7 +26,7 @@ use std::collections::VecDeque;
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::frames::wrap_angle;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{Vector2, Vector3, Vector4};
 
 use super::agreement::PLACE_SD;
@@ -89,7 +89,7 @@ const REPORTED_S: f64 = 1.0;
 /// Tilt about north and east, yaw, rad, height of the deck's centre (down, m), and their rates.
 #[derive(Clone, Copy, Debug)]
 struct Report {
-    at: Time<DroneClock>,
+    at: DroneTime,
     pose: Vector4<f64>,
     rates: Vector4<f64>,
 }
@@ -101,12 +101,12 @@ struct Residual {
     mean: Vector3<f64>,
     /// Sums of squares of tilt about north, of tilt about east, and of height.
     squares: [f64; 3],
-    sampled: Option<Time<DroneClock>>,
+    sampled: Option<DroneTime>,
 }
 
 impl Residual {
     /// Adds a sample (Welford's update).
-    fn take(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
+    fn take(&mut self, at: DroneTime, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.sampled = Some(at);
         self.n += 1.0;
         let before = r - self.mean;
@@ -122,7 +122,8 @@ impl Residual {
         let n = self.n.min(other.n) * SAMPLE_S / INDEPENDENT_S;
         let variance = |r: &Residual, i: usize| (r.squares[i] / r.n.max(1.0)).max(MIN_VARIANCE);
         let motion: [f64; 3] = core::array::from_fn(|i| {
-            let (own, others) = (variance(self, i), variance(other, i));
+            let own = variance(self, i);
+            let others = variance(other, i);
             let ratio = (own + others).powi(2) / (4.0 * own * others);
             (0.5 * n * ratio.ln()).copysign(others - own)
         });
@@ -136,8 +137,8 @@ impl Residual {
 #[derive(Clone, Copy, Debug)]
 struct Deck {
     place: Vector2<f64>,
-    at: Time<DroneClock>,
-    since: Time<DroneClock>,
+    at: DroneTime,
+    since: DroneTime,
     images: u32,
     /// Number of images in which another deck was detected as well.
     together: u32,
@@ -154,7 +155,7 @@ struct Deck {
 
 impl Deck {
     /// Adds a sample, and tests the block when it is complete.
-    fn judge(&mut self, at: Time<DroneClock>, r: Vector3<f64>, tilt_variance: [f64; 2]) {
+    fn judge(&mut self, at: DroneTime, r: Vector3<f64>, tilt_variance: [f64; 2]) {
         self.block.take(at, r, tilt_variance);
         if self.block.n >= BLOCK {
             let [north, east, _] = self.block.squares;
@@ -166,20 +167,15 @@ impl Deck {
         }
     }
     /// Adds tilt and height (m) to the residual that is compared with other decks.
-    fn distinguish(
-        &mut self,
-        at: Time<DroneClock>,
-        r: Vector3<f64>,
-        tilt_variance: [f64; 2],
-        height: (f64, f64),
-    ) {
+    fn distinguish(&mut self, at: DroneTime, r: Vector3<f64>, tilt_variance: [f64; 2], height: (f64, f64)) {
         let (height, variance) = height;
         let dt = (self.residual.sampled).map_or(0.0, |before| (at - before).secs());
         self.residual.take(at, r, tilt_variance);
         let (level, n) = self.level.map_or((height, 1.0), |(level, n)| (level, n + 1.0));
         // A plain mean at first, because one sample does not define a level.
         let gain = low_pass_gain(dt, LEVEL_TIME_S).max(1.0 / n);
-        let (before, after) = (height - level, (height - level) * (1.0 - gain));
+        let before = height - level;
+        let after = (height - level) * (1.0 - gain);
         self.level = Some((height - after, n));
         self.residual.squares[2] += (before * after / variance).min(MAX_SAMPLE);
     }
@@ -217,7 +213,7 @@ pub(super) struct Decks {
     reports: VecDeque<Report>,
     /// Index of the own deck in `decks`, once decided.
     own: Option<usize>,
-    several: Option<(Time<DroneClock>, u32)>,
+    several: Option<(DroneTime, u32)>,
 }
 
 impl Decks {
@@ -240,7 +236,7 @@ impl Decks {
         });
     }
     /// Radio report extrapolated to `t` from the nearest report.
-    fn reported(&self, t: Time<DroneClock>) -> Option<Vector4<f64>> {
+    fn reported(&self, t: DroneTime) -> Option<Vector4<f64>> {
         let away = |r: &&Report| (t - r.at).secs().abs();
         let nearest = (self.reports.iter()).min_by(|a, b| away(a).total_cmp(&away(b)))?;
         let by = (t - nearest.at).secs();
@@ -293,7 +289,9 @@ impl Decks {
             None => return None,
         };
         let deck = self.decks.get_mut(k)?;
-        (deck.place, deck.at, deck.images) = (place, o.at.max(deck.at), deck.images.saturating_add(1));
+        deck.place = place;
+        deck.at = o.at.max(deck.at);
+        deck.images = deck.images.saturating_add(1);
         deck.apart_sd = apart_sd;
         let in_image = self.decks.iter().filter(|d| d.at == o.at).count();
         if in_image > 1 {
@@ -372,7 +370,7 @@ impl Decks {
             .map(|(_, other)| other)
     }
     /// Index of the own deck, once it can be decided.
-    fn decide(&self, now: Time<DroneClock>, radio: bool) -> Option<usize> {
+    fn decide(&self, now: DroneTime, radio: bool) -> Option<usize> {
         let clear = |(k, deck): &(usize, &Deck)| {
             if self.rivals_of(*k).next().is_none() {
                 // While the radio is received, a second deck may still appear at the vessel's position and be the own deck.
@@ -383,7 +381,7 @@ impl Decks {
         let mut counts = self.decks.iter().enumerate().filter(|(_, d)| d.counts());
         counts.find(clear).map(|(k, _)| k)
     }
-    fn forget(&mut self, now: Time<DroneClock>) {
+    fn forget(&mut self, now: DroneTime) {
         let lasts = |d: &Deck| (now - d.at).secs() <= MEMORY_S;
         if self.decks.iter().all(lasts) {
             return;
@@ -407,7 +405,7 @@ impl Decks {
         }
     }
     /// Number of decks between which the identification is undecided; 0 once it is decided.
-    pub(super) fn undecided(&self, now: Time<DroneClock>) -> u32 {
+    pub(super) fn undecided(&self, now: DroneTime) -> u32 {
         let recent = self.several.filter(|(at, _)| (now - *at).secs() < REPORTED_S);
         recent.filter(|_| self.own.is_none()).map_or(0, |(_, n)| n)
     }
@@ -417,6 +415,7 @@ impl Decks {
 mod tests {
     use super::super::observation::ObservationKind;
     use super::*;
+    use alight_shared::time::Time;
 
     fn observation(kind: ObservationKind, at_s: f64, place: [f64; 2], attitude: [f64; 3]) -> DeckObservation {
         let tilt_variance = 0.02_f64.powi(2);
@@ -536,9 +535,13 @@ mod tests {
             let k = decks.see(&o, 5.0, Vector2::zeros(), None).unwrap();
             decks.verdict(k, &o, false)
         };
-        (0..90).for_each(|k| assert_eq!(verdict(f64::from(k) / 30.0, 0.0), Verdict::Own));
+        for k in 0..90 {
+            assert_eq!(verdict(f64::from(k) / 30.0, 0.0), Verdict::Own);
+        }
         assert_eq!(verdict(3.1, 5.0), Verdict::Other);
-        (0..300).for_each(|k| assert_eq!(verdict(4.0 + f64::from(k) / 30.0, 5.0), Verdict::Other));
+        for k in 0..300 {
+            assert_eq!(verdict(4.0 + f64::from(k) / 30.0, 5.0), Verdict::Other);
+        }
         assert_eq!(verdict(15.0, 0.5), Verdict::Own);
     }
 }

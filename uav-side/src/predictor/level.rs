@@ -2,7 +2,7 @@
 
 use alight_shared::estimation::low_pass;
 use alight_shared::msg::DeckStage;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 
 /// Time constant of the level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;
@@ -12,11 +12,11 @@ const LEVEL_JUMP_M: f64 = 3.0;
 
 /// First-order low-pass of the mean predicted height, NED z. A forecast spans about one wave.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct MeanDeckLevel(Option<(Time<DroneClock>, f64)>);
+pub(super) struct MeanDeckLevel(Option<(DroneTime, f64)>);
 
 impl MeanDeckLevel {
     /// Level after the forecast `stages` at `now`, m. None without a stage.
-    pub(super) fn follow(&mut self, now: Time<DroneClock>, stages: &[DeckStage]) -> Option<f64> {
+    pub(super) fn follow(&mut self, now: DroneTime, stages: &[DeckStage]) -> Option<f64> {
         let sum = stages.iter().map(|s| s.position[2]).sum::<f64>();
         let z = (!stages.is_empty()).then(|| sum / stages.len() as f64)?;
         let known = self.0.filter(|(_, level)| (z - level).abs() < LEVEL_JUMP_M);
@@ -32,6 +32,7 @@ impl MeanDeckLevel {
 mod tests {
     use super::*;
     use crate::fixtures::level;
+    use alight_shared::time::Time;
 
     #[test]
     fn level_of_a_heaving_deck_that_moves() {

@@ -14,7 +14,8 @@ pub fn lever_arm_heave(
     [dphi, dtheta]: [f64; 2],
     [ddphi, ddtheta]: [f64; 2],
 ) -> [f64; 3] {
-    let ((sp, cp), (st, ct)) = (phi.sin_cos(), theta.sin_cos());
+    let (sp, cp) = phi.sin_cos();
+    let (st, ct) = theta.sin_cos();
     let row = Vector3::new(-st, ct * sp, ct * cp);
     let rate = Vector3::new(
         -ct * dtheta,
@@ -44,7 +45,8 @@ mod tests {
             let [phi, theta] = angles(t);
             (Rotation3::from_euler_angles(phi, theta, 0.7) * c).z - c.z
         };
-        let (t, h) = (0.8, 1e-4);
+        let t = 0.8;
+        let h = 1e-4;
         let [a, b, d] = [angles(t - h), angles(t), angles(t + h)];
         let rate: [f64; 2] = core::array::from_fn(|i| (d[i] - a[i]) / (2.0 * h));
         let second: [f64; 2] = core::array::from_fn(|i| (d[i] - 2.0 * b[i] + a[i]) / (h * h));

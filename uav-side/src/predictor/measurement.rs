@@ -68,7 +68,8 @@ fn mount_slopes(o: &DeckObservation) -> [f64; 2] {
 
 /// Measurement `h` and its Jacobian `dh/du`. `lever_arm`: position of the deck's centre on the vessel, m.
 fn predicted(u: &Arguments, o: &DeckObservation, lever_arm: &Vector3<f64>) -> (SVector<f64, AXES>, Jacobian) {
-    let (lever, mount) = (o.lever(), mount_slopes(o));
+    let lever = o.lever();
+    let mount = mount_slopes(o);
     let (tilt, by_tilt) = turned([u[3] + u[MOUNT[0]], u[4] + u[MOUNT[1]]], u[COMPASS]);
     let (euler, by_level) = turned([u[3], u[4]], u[5] + u[COMPASS]);
     let [heave, ..] = lever_arm_heave(lever_arm, euler, [0.0; 2], [0.0; 2]);
@@ -138,15 +139,18 @@ pub(super) fn innovations(
         let back = block.try_inverse().unwrap_or_else(Matrix2::identity);
         let value = back * Vector2::new(north.value, east.value);
         let variance = back.component_mul(&back) * Vector2::new(north.variance, east.variance);
-        (north.value, north.variance) = (value.x, variance.x);
-        (east.value, east.variance) = (value.y, variance.y);
+        north.value = value.x;
+        north.variance = variance.x;
+        east.value = value.y;
+        east.variance = variance.y;
     }
     all
 }
 
 /// Detection without the mount's effect on its height.
 pub(super) fn without_mount(s: &[Axis; AXES], mut o: DeckObservation) -> DeckObservation {
-    let ([north, east], variance) = (mount_slopes(&o), mount_variance(s, &o));
+    let [north, east] = mount_slopes(&o);
+    let variance = mount_variance(s, &o);
     if let Some((height, r)) = &mut o.value[2] {
         *height -= north * s[TILT[0]].x[VISION] + east * s[TILT[1]].x[VISION];
         *r += variance;
@@ -177,7 +181,7 @@ mod tests {
     use super::super::observation;
     use super::super::track::Pose;
     use super::*;
-    use alight_shared::frames::body_from_camera;
+    use alight_shared::frames::{body_from_camera, wxyz};
     use alight_shared::msg::TagPose;
     use alight_shared::time::Time;
     use core::f64::consts::TAU;
@@ -286,7 +290,10 @@ mod tests {
     /// compasses.
     fn innovation_of_a_tilted_tag(mount: Vector3<f64>) -> f64 {
         let c = PredictorConfig::default();
-        let (roll, pitch, yaw, more) = (0.15, -0.05, 1.0, 0.1);
+        let roll = 0.15;
+        let pitch = -0.05;
+        let yaw = 1.0;
+        let more = 0.1;
         let deck = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let level = Vector3::new(2.0, -1.5, -1.0);
         let centre = level + Vector3::z() * ((deck * CENTRE).z - CENTRE.z);
@@ -298,10 +305,11 @@ mod tests {
         let turn = UnitQuaternion::from_scaled_axis(mount);
         let to_camera = (drone.attitude.to_rotation_matrix().into_inner() * body_from_camera()).transpose();
         let from_lens = turn * (centre - drone.position) - drone.attitude * Vector3::from(c.drone.camera_m);
-        let q = UnitQuaternion::from_matrix(&(to_camera * (turn * deck).to_rotation_matrix().into_inner()));
         let tag = TagPose {
             position: (to_camera * from_lens).into(),
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&UnitQuaternion::from_matrix(
+                &(to_camera * (turn * deck).to_rotation_matrix().into_inner()),
+            )),
             variance: [1e-4; 6],
             ..TagPose::default()
         };

@@ -1,15 +1,14 @@
 use alight_shared::admission::{Periodic, RejectionReason, Rejections};
 use alight_shared::bus::wiring;
 use alight_shared::frames::wrap_angle;
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
     AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, MissionState,
     PREDICTED_SLOPE_STEP_S, Plan, PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S, SLOPE_WINDOWS,
-    Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+    Seq, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -113,7 +112,7 @@ pub struct Predictor {
     stated: [(f64, f64); AXES],
     radio_sequence: Option<(u32, u32)>,
     /// Last detection of another vessel's tags: time, distance from the position by radio, and its limit, m.
-    elsewhere: Option<(Time<DroneClock>, [f64; 2])>,
+    elsewhere: Option<(DroneTime, [f64; 2])>,
     relative: RelativeTrust,
     height: HeightAgreement,
     level: MeanDeckLevel,
@@ -126,7 +125,7 @@ pub struct Predictor {
     /// Model identified by the drone while the radio is silent.
     own: Option<OwnModel>,
     /// Apparent slopes of the deck as reported by the vessel, and their time.
-    slopes: Option<(Time<DroneClock>, Seq<u8, SLOPE_WINDOWS>)>,
+    slopes: Option<(DroneTime, Seq<u8, SLOPE_WINDOWS>)>,
     surroundings: Surroundings,
     next: Periodic<DroneClock>,
     /// Set until the forecast agrees with what a predecessor left.
@@ -181,7 +180,7 @@ impl Predictor {
         &self.rejections
     }
 
-    fn admit<M: Message<Clock = DroneClock>>(now: Time<DroneClock>, m: &M) -> Result<(), RejectionReason> {
+    fn admit<M: Message<Clock = DroneClock>>(now: DroneTime, m: &M) -> Result<(), RejectionReason> {
         m.check().map_err(|_| RejectionReason::OutOfRange)?;
         if m.header().at > now + AHEAD {
             return Err(RejectionReason::Future);
@@ -189,12 +188,12 @@ impl Predictor {
         Ok(())
     }
 
-    fn fused_at(&self, kinds: &[ObservationKind]) -> Option<Time<DroneClock>> {
+    fn fused_at(&self, kinds: &[ObservationKind]) -> Option<DroneTime> {
         let filter = self.filter.as_ref()?;
         kinds.iter().filter_map(|k| filter.source(*k).fused_at).max()
     }
     /// Time since the newest fused observation of these kinds, s; infinite without one.
-    fn age_s(&self, now: Time<DroneClock>, kinds: &[ObservationKind]) -> f64 {
+    fn age_s(&self, now: DroneTime, kinds: &[ObservationKind]) -> f64 {
         self.fused_at(kinds)
             .map_or(f64::INFINITY, |t| (now - t).secs().max(0.0))
     }
@@ -227,7 +226,7 @@ impl Predictor {
         }
     }
 
-    fn drone(&mut self, now: Time<DroneClock>, s: &DroneState) -> Result<(), RejectionReason> {
+    fn drone(&mut self, now: DroneTime, s: &DroneState) -> Result<(), RejectionReason> {
         Self::admit(now, s)?;
         if let Some(last) = self.track.newest() {
             if s.header.at == last.header.at {
@@ -243,9 +242,15 @@ impl Predictor {
         if let Some(jump) = self.track.push(s) {
             self.decks.shift(&jump);
             self.relative.forget_frame();
-            self.filter.iter_mut().for_each(|f| f.shift(&jump));
-            self.own.iter_mut().for_each(|own| own.shift(&jump));
-            self.beacon.iter_mut().for_each(|b| b.shift(&jump));
+            if let Some(f) = &mut self.filter {
+                f.shift(&jump);
+            }
+            if let Some(own) = &mut self.own {
+                own.shift(&jump);
+            }
+            if let Some(b) = &mut self.beacon {
+                b.shift(&jump);
+            }
         }
         Ok(())
     }
@@ -253,15 +258,17 @@ impl Predictor {
     /// Discards everything known relative to the drone's previous origin.
     fn forget_frame(&mut self) {
         self.track = DroneTrack::default();
-        (self.filter, self.own) = (None, None);
-        (self.radio_sequence, self.elsewhere) = (None, None);
+        self.filter = None;
+        self.own = None;
+        self.radio_sequence = None;
+        self.elsewhere = None;
         self.relative.forget_frame();
         self.height = HeightAgreement::default();
         self.level = MeanDeckLevel::default();
         self.decks = Decks::default();
     }
 
-    fn range(&mut self, now: Time<DroneClock>, m: &RangeSample) -> Result<(), RejectionReason> {
+    fn range(&mut self, now: DroneTime, m: &RangeSample) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         let at = m.header.at;
         let period = Span::from_secs(self.config.range_period_s);
@@ -274,7 +281,8 @@ impl Predictor {
             return Ok(());
         };
         let axes = f.at(&self.waves, at);
-        let (modes, lever_arm) = (self.waves.motion(at), self.waves.lever_arm());
+        let modes = self.waves.motion(at);
+        let lever_arm = self.waves.lever_arm();
         let deck = measurement::plane(&axes, &modes, lever_arm);
         let Some(o) = observation::range(m, &pose, &deck, &self.config) else {
             return Ok(());
@@ -295,7 +303,7 @@ impl Predictor {
 
     /// Applies the predecessor's checkpoint once the radio gives the deck's position, unless the deck is detected
     /// first.
-    fn begin(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+    fn begin(&mut self, now: DroneTime, input: &PredictorIn) {
         let sees = self.fused_at(&CAMERA).is_some();
         let Some(succession) = &mut self.succession else {
             return;
@@ -325,7 +333,7 @@ impl Predictor {
     }
 
     /// Forecast to publish; a successor's first one must agree with what it inherits.
-    fn led(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
+    fn led(&mut self, now: DroneTime) -> Option<DeckForecast> {
         if self.succession.as_ref().is_some_and(|s| !s.is_read) {
             return None;
         }
@@ -343,7 +351,8 @@ impl Predictor {
 
     /// Checkpoint of the newest observation, published with the forecast that has this header.
     fn checkpoint(&self, forecast: &Header<DroneClock>) -> Option<PredictorCheckpoint> {
-        let (drone, filter) = (self.track.newest()?, self.filter.as_ref()?);
+        let drone = self.track.newest()?;
+        let filter = self.filter.as_ref()?;
         let axes = filter.last()?;
         let offset: [(f64, f64); AXES] = core::array::from_fn(|i| axes[i].project(MeasurementRow::Offset));
         Some(PredictorCheckpoint {
@@ -373,7 +382,7 @@ impl Predictor {
         }
     }
 
-    fn receive(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+    fn receive(&mut self, now: DroneTime, input: &PredictorIn) {
         if let Some(l) = &input.link {
             let admitted = Self::admit(now, l);
             if admitted.is_ok() && l.clock_offset_sd_s.is_finite() {
@@ -421,7 +430,7 @@ impl Predictor {
 
     /// Identifies the vessel's motion on the drone while the radio is silent. Until then the last received modes are
     /// kept.
-    fn identify(&mut self, now: Time<DroneClock>) {
+    fn identify(&mut self, now: DroneTime) {
         if self.age_s(now, &[Estimate]) <= self.config.fresh_s {
             self.own = None;
             return;
@@ -450,7 +459,7 @@ impl Predictor {
         self.filter = None;
     }
 
-    fn forecast(&mut self, now: Time<DroneClock>) -> Option<DeckForecast> {
+    fn forecast(&mut self, now: DroneTime) -> Option<DeckForecast> {
         let [radio_age_s, vision_age_s] = [self.age_s(now, &[Estimate]), self.age_s(now, &CAMERA)];
         let unknown = !(radio_age_s.min(vision_age_s) < self.config.silence_s);
         if unknown || radio_age_s.min(vision_age_s) > SILENT_S && self.known_by_beacon(now).is_some() {
@@ -566,7 +575,7 @@ impl Node for Predictor {
     type In = PredictorIn;
     type Out = PredictorOut;
 
-    fn step(&mut self, now: Time<DroneClock>, input: &PredictorIn) -> PredictorOut {
+    fn step(&mut self, now: DroneTime, input: &PredictorIn) -> PredictorOut {
         self.receive(now, input);
         self.measure(now, input);
         self.identify(now);

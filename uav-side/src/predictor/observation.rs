@@ -1,6 +1,6 @@
-use alight_shared::frames::{body_from_camera, body_rates};
+use alight_shared::frames::{body_from_camera, body_rates, yaw_rotation};
 use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime};
 use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
@@ -39,7 +39,7 @@ pub type Measured = Option<(f64, f64)>;
 /// north by the drone's compass.
 #[derive(Clone, Copy, Debug)]
 pub struct DeckObservation {
-    pub at: Time<DroneClock>,
+    pub at: DroneTime,
     pub kind: ObservationKind,
     /// Position of the deck's centre, tilt of a deck that heads north, and heading.
     pub value: [Measured; AXES],
@@ -84,7 +84,7 @@ impl DeckObservation {
             (*north, *east) = turn_tilt(*north, *east, -yaw);
             *heading += yaw;
         }
-        self.from_drone = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw) * self.from_drone;
+        self.from_drone = yaw_rotation(yaw) * self.from_drone;
     }
 }
 
@@ -94,7 +94,8 @@ pub fn stated(e: &VesselEstimate<DroneClock>) -> [(f64, f64); AXES] {
         let [value, _, rate] = e.covariance(i);
         (value, rate)
     };
-    let (roll, pitch) = (own(3), own(4));
+    let roll = own(3);
+    let pitch = own(4);
     let tilt = (0.5 * (roll.0 + pitch.0), 0.5 * (roll.1 + pitch.1));
     [own(0), own(1), own(2), tilt, tilt, own(5)]
 }
@@ -115,10 +116,12 @@ pub fn estimate(e: &VesselEstimate<DroneClock>, clock_sd: f64) -> DeckObservatio
     let tilt = turn_tilt(roll, pitch, -yaw);
     let (s, cos) = yaw.sin_cos();
     // Time derivative of the rotated tilt (small-angle form of turn_tilt).
-    let (dr, dp) = (dot[3] - dot[5] * pitch, dot[4] + dot[5] * roll);
+    let dr = dot[3] - dot[5] * pitch;
+    let dp = dot[4] + dot[5] * roll;
     let tilt_rate = (cos * dr - s * dp, s * dr + cos * dp);
     let mut stated = stated(e);
-    let (height, tilt_variance) = (lever_arm.z * lever_arm.z, stated[3]);
+    let height = lever_arm.z * lever_arm.z;
+    let tilt_variance = stated[3];
     for (value, rate) in stated.iter_mut().take(2) {
         *value += height * tilt_variance.0;
         *rate += height * tilt_variance.1;

@@ -8,7 +8,7 @@ use alight_shared::admission::Periodic;
 use alight_shared::apparent_slope::{self, ApparentSlope};
 use alight_shared::motion_model::{MotionModel, MotionSample};
 use alight_shared::msg::{DeckStage, PREDICTION_STAGES, SLOPE_WINDOWS, Seq};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use nalgebra::{Rotation2, UnitQuaternion, Vector3};
 
 use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, VISION};
@@ -34,7 +34,7 @@ pub(super) struct OwnModel {
     waves: Waves,
     filter: Option<Filter>,
     motion: MotionModel<DroneClock>,
-    observed_at: Option<Time<DroneClock>>,
+    observed_at: Option<DroneTime>,
     slope: (Periodic<DroneClock>, ApparentSlope<DroneClock>),
 }
 
@@ -54,7 +54,9 @@ impl OwnModel {
         let waves = &self.waves;
         let filter = self.filter.get_or_insert_with(|| {
             let mut begun = Filter::new(AxisNoise::all(c), c.gate_sd, waves, o);
-            known.into_iter().for_each(|k| begun.adopt_mount(k));
+            if let Some(k) = known {
+                begun.adopt_mount(k);
+            }
             begun
         });
         if filter.fuse(waves, o) == Fused::All {
@@ -67,7 +69,7 @@ impl OwnModel {
         }
     }
     /// Advances to `now`. Returns whether there are newer modes.
-    pub(super) fn step(&mut self, now: Time<DroneClock>, lever_arm: &Vector3<f64>) -> bool {
+    pub(super) fn step(&mut self, now: DroneTime, lever_arm: &Vector3<f64>) -> bool {
         // The heading only rotates modes, and this filter has none.
         self.waves.set_lever_arm(*lever_arm, 0.0);
         self.motion.work();
@@ -86,7 +88,7 @@ impl OwnModel {
         true
     }
     /// Records the current deck for the apparent slopes.
-    pub(super) fn watch(&mut self, now: Time<DroneClock>, deck: &DeckStage) {
+    pub(super) fn watch(&mut self, now: DroneTime, deck: &DeckStage) {
         let (next, slope) = &mut self.slope;
         if next.is_due(now, Span::from_secs(1.0 / apparent_slope::RATE_HZ)) {
             let [roll, pitch, yaw] = deck.euler;
@@ -95,12 +97,12 @@ impl OwnModel {
         }
     }
     /// Steepest recent apparent slopes, in the form that a vessel reports.
-    pub(super) fn slopes(&self, now: Time<DroneClock>) -> Seq<u8, SLOPE_WINDOWS> {
+    pub(super) fn slopes(&self, now: DroneTime) -> Seq<u8, SLOPE_WINDOWS> {
         self.slope.1.slopes(now)
     }
     /// Passes the identified modes and their measured error to `waves`. Returns their time of validity and whether they
     /// replace the default oscillators. None until enough motion has been observed.
-    pub(super) fn publish(&self, waves: &mut Waves) -> Option<(Time<DroneClock>, bool)> {
+    pub(super) fn publish(&self, waves: &mut Waves) -> Option<(DroneTime, bool)> {
         let identified = self.motion.is_identified() && self.motion.observed_s() >= IDENTIFIED_S;
         let modes = self.motion.modes().filter(|_| identified)?;
         let stage = |k: usize| self.motion.spread(k as f64 * STAGE_S);
@@ -118,7 +120,7 @@ impl OwnModel {
 /// Motion of the vessel's reference point about its mean, from a deck whose centre is at `lever_arm` (m, vessel's
 /// axes).
 fn sample(
-    at: Time<DroneClock>,
+    at: DroneTime,
     axes: &FilterState,
     oscillators: &[Oscillator],
     lever_arm: &Vector3<f64>,
@@ -154,6 +156,7 @@ fn waves_of(axis: &Axis, oscillators: &[Oscillator], i: usize) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
     use core::f64::consts::FRAC_PI_2;
 
     /// A vessel heads east and pitches and yaws about its reference point, so its deck 4 m aft and 1.3 m up swings.
@@ -170,7 +173,9 @@ mod tests {
         let mut axes: FilterState =
             core::array::from_fn(|i| Axis::new(&noise[i], &oscillators, i, 0.0, 0.1, 0.1));
         axes[5].x[MEAN] = FRAC_PI_2;
-        let (about_north, about_east, yaw) = ([0.02, -0.05], [0.1, 0.07], [0.03, 0.04]);
+        let about_north = [0.02, -0.05];
+        let about_east = [0.1, 0.07];
+        let yaw = [0.03, 0.04];
         for (axis, motion) in [(3, about_north), (4, about_east), (5, yaw)] {
             axes[axis].x[HEAD..HEAD + 2].copy_from_slice(&motion);
         }

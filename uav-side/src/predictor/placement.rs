@@ -82,10 +82,8 @@ mod tests {
 
     #[test]
     fn placement_of_a_restarted_vessel() {
-        let (first, origin) = (
-            Datum::new(-16.8, 179.999, 30.0),
-            Datum::new(-16.79, -179.999, 12.0),
-        );
+        let first = Datum::new(-16.8, 179.999, 30.0);
+        let origin = Datum::new(-16.79, -179.999, 12.0);
         let before = placed(&vessel(first, [50.0, 300.0, 0.5]), &origin, &Vector3::zeros()).unwrap();
         let second = first.at(&Vector::<VesselNed>::new(48.0, 303.0, -1.5));
         let at = second.to::<VesselNed>(&first.at(&Vector::<VesselNed>::new(50.0, 300.0, 0.5)));

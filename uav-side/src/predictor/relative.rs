@@ -13,7 +13,7 @@
 
 use alight_shared::estimation::low_pass_gain;
 use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::Vector3;
 
 use super::config::PredictorConfig;
@@ -115,7 +115,7 @@ fn place(o: &DeckObservation) -> Option<[Vector3<f64>; 2]> {
 /// Mean difference between the positions by tags and by the receiver, m, number of detections, and time of the newest.
 #[derive(Clone, Copy, Debug)]
 struct MeanDifference {
-    at: Time<DroneClock>,
+    at: DroneTime,
     mean: Vector3<f64>,
     n: f64,
 }
@@ -132,9 +132,9 @@ pub(super) enum Use {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct RelativeTrust {
     newest: Option<RelativePlace>,
-    fixed_at: Option<Time<DroneClock>>,
+    fixed_at: Option<DroneTime>,
     fixed: Option<DeckObservation>,
-    used: Option<Time<DroneClock>>,
+    used: Option<DroneTime>,
     difference: Option<MeanDifference>,
     confirmed: bool,
     contradicted_m: Option<f64>,
@@ -171,21 +171,23 @@ impl RelativeTrust {
     }
     /// Drops measurements and confirmation after the drone's frame has moved.
     pub(super) fn forget_frame(&mut self) {
-        (self.fixed, self.used, self.difference) = (None, None, None);
+        self.fixed = None;
+        self.used = None;
+        self.difference = None;
         self.confirmed = false;
     }
     /// Stores the deck from a measurement, to compare it with detections.
     pub(super) fn locate(&mut self, o: &DeckObservation) {
         self.fixed = Some(*o);
     }
-    pub(super) fn count(&mut self, at: Time<DroneClock>) {
+    pub(super) fn count(&mut self, at: DroneTime) {
         self.used = Some(at);
     }
-    pub(super) fn is_in_use(&self, now: Time<DroneClock>) -> bool {
+    pub(super) fn is_in_use(&self, now: DroneTime) -> bool {
         self.used.is_some_and(|t| (now - t).secs() <= IN_USE_S)
     }
 
-    pub(super) fn is_comparable(&self, at: Time<DroneClock>) -> bool {
+    pub(super) fn is_comparable(&self, at: DroneTime) -> bool {
         (self.fixed.as_ref()).is_some_and(|f| (at - f.at).secs().abs() <= PAIR_S)
     }
     /// Position of a detection minus the relative position, m, excluding the deck's motion between them, and the
@@ -198,7 +200,8 @@ impl RelativeTrust {
     ) -> Option<[Vector3<f64>; 2]> {
         let fixed = self.fixed.as_ref().filter(|_| self.is_comparable(o.at))?;
         let dt = (o.at - fixed.at).secs();
-        let ([detected, r], [relative, q]) = (place(o)?, place(fixed)?);
+        let [detected, r] = place(o)?;
+        let [relative, q] = place(fixed)?;
         Some([
             detected - relative - velocity * dt,
             r + q + camera_variance(&o.from_drone, c),
@@ -239,18 +242,20 @@ impl RelativeTrust {
         let agree = mean.xy().norm() <= limits[0] && mean.z.abs() <= limits[1];
         if agree {
             if limits.iter().all(|limit| *limit <= MAX_CONFIRMED_M) {
-                (self.confirmed, self.contradicted_m) = (true, None);
+                self.confirmed = true;
+                self.contradicted_m = None;
             }
             return None;
         }
         self.forget_frame();
-        (self.contradicted_m, self.solved_again) = (Some(mean.norm()), false);
+        self.contradicted_m = Some(mean.norm());
+        self.solved_again = false;
         self.contradicted_m
     }
 
     /// State; None if no measurement arrived recently.
-    pub(super) fn state(&self, now: Time<DroneClock>) -> Option<RelativeState> {
-        let age = |t: Time<DroneClock>| (now - t).secs().max(0.0);
+    pub(super) fn state(&self, now: DroneTime) -> Option<RelativeState> {
+        let age = |t: DroneTime| (now - t).secs().max(0.0);
         let newest = self.newest.filter(|m| age(m.header.at) < GONE_S)?;
         let [north, east, _] = newest.baseline_sd_m;
         Some(RelativeState {
@@ -268,6 +273,7 @@ impl RelativeTrust {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
     use nalgebra::UnitQuaternion;
 
     fn measured(t: f64, solution: CarrierSolution) -> RelativePlace {
@@ -383,7 +389,8 @@ mod tests {
 
     #[test]
     fn single_misread_tag_next_to_a_fix() {
-        let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
+        let c = PredictorConfig::default();
+        let mut trust = RelativeTrust::default();
         after(&mut trust, 0.0, [0.0; 3], 2.0);
         let misread = detection(1.0, [1.0, 0.0, 0.0], 2.0);
         assert_eq!(trust.compare(&misread, &Vector3::zeros(), &c), None);
@@ -395,7 +402,8 @@ mod tests {
 
     /// Whether tags at the distance `apart` (m) from the fixes contradict these; the deck moves at 8 m/s.
     fn contradicts(apart: f64, times_s: impl Iterator<Item = f64>) -> bool {
-        let (c, mut trust) = (PredictorConfig::default(), RelativeTrust::default());
+        let c = PredictorConfig::default();
+        let mut trust = RelativeTrust::default();
         let velocity = Vector3::new(8.0, 0.0, 0.0);
         let at = |t: f64, more: f64| detection(t, [8.0 * t + more, 0.0, 0.0], 2.0);
         let mut compared = times_s.map(|t| {

@@ -34,7 +34,9 @@ pub(super) fn state(
         .into_iter()
         .chain([(5, 0.0, jump.yaw)]);
     for (i, by_radio, by_vision) in moves {
-        let (a, n, apart) = (&mut s[i], &noise[i], by_vision - by_radio);
+        let a = &mut s[i];
+        let n = &noise[i];
+        let apart = by_vision - by_radio;
         a.x[MEAN] += by_radio;
         if !measured[i] {
             continue;
@@ -89,11 +91,10 @@ mod tests {
     use super::super::{Predictor, PredictorConfig, PredictorIn};
     use super::*;
     use crate::odometry::{Odometry, OdometryConfig};
-    use alight_shared::frames::{DroneNed, Vector, VesselNed, body_from_camera};
+    use alight_shared::frames::{DroneNed, Vector, VesselNed, body_from_camera, wxyz, yaw_rotation};
     use alight_shared::msg::{CarrierSolution, DroneState, Header, RelativePlace, UvdarFix, VesselEstimate};
     use alight_shared::node::Node;
-    use alight_shared::time::{DroneClock, Time};
-    use nalgebra::UnitQuaternion;
+    use alight_shared::time::DroneTime;
     use proptest::prelude::*;
 
     /// Odometry and predictor of a drone at rest while the estimate of its autopilot jumps.
@@ -140,15 +141,14 @@ mod tests {
         }
         fn step(&mut self) {
             self.tick += 1;
-            let now = Time::<DroneClock>::from_secs(10.0 + 0.01 * f64::from(self.tick));
+            let now = DroneTime::from_secs(10.0 + 0.01 * f64::from(self.tick));
             let header = Header::new(1, 1, 1, self.tick, now);
-            let q = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
             let first = DroneState::default().datum;
             let reported = DroneState {
                 header,
                 datum: first.at(&Vector::<DroneNed>::from(self.origin)),
                 position: (self.place - self.origin).into(),
-                attitude: [q.w, q.i, q.j, q.k],
+                attitude: wxyz(&yaw_rotation(self.yaw)),
                 specific_force: [0.0, 0.0, -9.806_65],
                 ..DroneState::default()
             };
@@ -233,18 +233,19 @@ mod tests {
         ) {
             // A heading change of less than 4 deg does not count as a jump and rotates the detections, here by up to 4
             // cm.
-            let (place, heading) = (Vector3::new(0.0, 0.0, -4.0), 0.5);
+            let place = Vector3::new(0.0, 0.0, -4.0);
+            let heading = 0.5;
             let mut b = Bench::new(place, heading, Vector3::new(0.5, 0.2, 0.0));
             b.run(2.0);
-            let in_body = UnitQuaternion::from_euler_angles(0.0, 0.0, -heading) * b.apart();
+            let in_body = yaw_rotation(-heading) * b.apart();
             b.detection = Some(in_body);
             b.run(2.0);
-            let before = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
+            let before = yaw_rotation(-b.yaw) * b.apart();
             b.detection = None;
             b.yaw += yaw;
             b.place += Vector3::from(by);
             b.run(0.1);
-            let after = UnitQuaternion::from_euler_angles(0.0, 0.0, -b.yaw) * b.apart();
+            let after = yaw_rotation(-b.yaw) * b.apart();
             prop_assert!((after - before).norm() < 0.05, "{before:?} {after:?}");
         }
     }

@@ -7,7 +7,7 @@
 
 use alight_shared::checkpoint::Recovery;
 use alight_shared::msg::{DeckForecast, MissionState, Plan, PredictorCheckpoint};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::Vector3;
 
 use super::config::PredictorConfig;
@@ -44,7 +44,7 @@ impl PredictorSuccession {
     }
 
     /// Whether `forecast` may lead the drone.
-    pub(super) fn agrees(&self, now: Time<DroneClock>, forecast: &DeckForecast, c: &PredictorConfig) -> bool {
+    pub(super) fn agrees(&self, now: DroneTime, forecast: &DeckForecast, c: &PredictorConfig) -> bool {
         let inherited = self.plan.filter(|p| (now - p.header.at).secs() <= INHERITS_S);
         let Some((plan, touchdown)) = inherited.and_then(|p| Some((p, p.touchdown_at?))) else {
             return true;

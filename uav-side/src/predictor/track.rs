@@ -2,9 +2,9 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::wrap_angle;
+use alight_shared::frames::{wrap_angle, wxyz, yaw_rotation};
 use alight_shared::msg::DroneState;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::odometry::origin::yaw_jump;
@@ -34,7 +34,7 @@ pub struct FrameJump {
 impl FrameJump {
     /// New position of a point detected at `place` (m) before the jump.
     pub fn of(&self, place: &Vector3<f64>) -> Vector3<f64> {
-        let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, self.yaw);
+        let turn = yaw_rotation(self.yaw);
         self.about + turn * (place + self.moved - self.about)
     }
     fn between(last: &DroneState, s: &DroneState) -> Option<FrameJump> {
@@ -53,7 +53,8 @@ impl FrameJump {
                 jump.moved = moved;
             }
             let rates = |d: &DroneState| Vector3::from(d.rates);
-            let (before, now) = (last.attitude(), s.attitude());
+            let before = last.attitude();
+            let now = s.attitude();
             jump.yaw = yaw_jump((&before, rates(last)), (&now, rates(s)), dt).unwrap_or(0.0);
         }
         let some = jump.moved != Vector3::zeros() || jump.datum != Vector3::zeros() || jump.yaw != 0.0;
@@ -88,12 +89,11 @@ impl DroneTrack {
     pub fn push(&mut self, s: &DroneState) -> Option<FrameJump> {
         let jump = self.states.back().and_then(|last| FrameJump::between(last, s));
         if let Some(jump) = jump {
-            let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, jump.yaw);
+            let turn = yaw_rotation(jump.yaw);
             for old in &mut self.states {
                 // The path was correct but the heading was not.
                 old.position = (old.position() + jump.moved).into();
-                let q = turn * old.attitude();
-                old.attitude = [q.w, q.i, q.j, q.k];
+                old.attitude = wxyz(&(turn * old.attitude()));
             }
         }
         if self.states.len() == MAX_STATES {
@@ -106,7 +106,7 @@ impl DroneTrack {
         self.states.back()
     }
     /// Pose at `t`, interpolated, or extrapolated shortly beyond the newest state; None otherwise.
-    pub fn at(&self, t: Time<DroneClock>) -> Option<Pose> {
+    pub fn at(&self, t: DroneTime) -> Option<Pose> {
         let i = self.states.partition_point(|s| s.header.at <= t);
         let a = self.states.get(i.checked_sub(1)?)?;
         let since = (t - a.header.at).secs();
@@ -138,6 +138,7 @@ impl DroneTrack {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
 
     fn state(t: f64, x: f64) -> DroneState {
         DroneState {
@@ -196,10 +197,9 @@ mod tests {
     fn track_with_a_yaw_reset() {
         let mut t = DroneTrack::default();
         t.push(&state(1.0, 1.0));
-        let q = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.3);
         let jump = t
             .push(&DroneState {
-                attitude: [q.w, q.i, q.j, q.k],
+                attitude: wxyz(&yaw_rotation(0.3)),
                 heading_jumps: 0.3,
                 ..state(1.01, 1.01)
             })

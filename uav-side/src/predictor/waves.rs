@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
 
 use alight_shared::msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime};
 use alight_shared::vessel_model::{HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW};
 use nalgebra::{Complex, Rotation2, Vector3};
 
@@ -65,7 +65,8 @@ impl DeckModes {
     fn new(modes: &Modes<DroneClock>, t: f64, lever_arm: &Vector3<f64>, step_s: f64) -> Self {
         let deck = |m: &Mode| {
             let factor = (m.pole * t).exp();
-            let (c, path) = (m.shape.map(|c| c * factor), m.integral());
+            let c = m.shape.map(|c| c * factor);
+            let path = m.integral();
             [
                 c[SURGE] * path + c[PITCH] * lever_arm.z - c[YAW] * lever_arm.y,
                 c[SWAY] * path - c[ROLL] * lever_arm.z + c[YAW] * lever_arm.x,
@@ -185,14 +186,12 @@ impl Waves {
     /// fraction `(left now / left then)²`, where `then` is a quarter of a wave later: small for fresh modes, whose
     /// residual fades, and 1 for stale modes, whose residual oscillates like the waves. The residual of the course
     /// (north and east) always oscillates, because velocity errors accumulate in it.
-    pub fn oscillators(&self, at: Time<DroneClock>) -> Seq<Oscillator, MAX_OSCILLATORS> {
+    pub fn oscillators(&self, at: DroneTime) -> Seq<Oscillator, MAX_OSCILLATORS> {
         let mut all = Seq::filled(self.oscillators.iter().copied());
         if let (Some(newest), Some(residual)) = (self.messages.back(), all.first_mut()) {
             let age = (at - newest.at).secs();
-            let (now, then) = (
-                self.left(age),
-                self.left(age.max(FIRST_S) + FRAC_PI_2 / residual.omega),
-            );
+            let now = self.left(age);
+            let then = self.left(age.max(FIRST_S) + FRAC_PI_2 / residual.omega);
             residual.sd = now;
             let [fresh, stale] = self.residual_damping;
             for i in 2..AXES {
@@ -228,7 +227,8 @@ impl Waves {
     fn spread(&self, ahead: f64) -> [f64; AXES] {
         let stages = &self.spread.stages;
         let x = (ahead / self.spread.step_s).clamp(0.0, stages.len().saturating_sub(1) as f64);
-        let (i, f) = (x.floor() as usize, x.fract());
+        let i = x.floor() as usize;
+        let f = x.fract();
         let before = stages.get(i).copied().unwrap_or_default();
         let after = stages.get(i + 1).copied().unwrap_or(before);
         core::array::from_fn(|d| before[d] + f * (after[d] - before[d]))
@@ -300,7 +300,7 @@ impl Waves {
     }
 
     /// Time of validity of the newest modes; None before the first modes, and after [`Waves::hand_over`].
-    pub fn newest(&self) -> Option<Time<DroneClock>> {
+    pub fn newest(&self) -> Option<DroneTime> {
         self.messages.back().map(|m| m.at)
     }
     /// Horizon of the vessel's published prediction deviation, s. Modes older than this are not extrapolated.
@@ -309,7 +309,7 @@ impl Waves {
     }
     /// Replaces the modes at `at` by oscillators that the filters estimate. Returns the oscillators' motions, that
     /// of the residual oscillator first.
-    pub fn hand_over(&mut self, at: Time<DroneClock>) -> Option<HandOver> {
+    pub fn hand_over(&mut self, at: DroneTime) -> Option<HandOver> {
         let newest = self.messages.back()?;
         let age = (at - newest.at).secs();
         let left = self.left(age);
@@ -348,7 +348,7 @@ impl Waves {
 
     /// Modes at `t`, from the message that was the newest at that time; `step_s` is the step of
     /// [`DeckModes::advance`].
-    pub fn modes(&self, t: Time<DroneClock>, step_s: f64) -> DeckModes {
+    pub fn modes(&self, t: DroneTime, step_s: f64) -> DeckModes {
         let i = self.messages.partition_point(|m| m.at <= t);
         let Some(m) = self.messages.get(i.saturating_sub(1)) else {
             return DeckModes::default();
@@ -357,15 +357,17 @@ impl Waves {
     }
     /// Deck motion at `to` from the modes that were newest at `from`, minus that from the newest at `to`. None if they
     /// are the same modes.
-    pub fn change(&self, from: Time<DroneClock>, to: Time<DroneClock>) -> Option<DeckMotion> {
+    pub fn change(&self, from: DroneTime, to: DroneTime) -> Option<DeckMotion> {
         let index = |t| self.messages.partition_point(|m| m.at <= t).saturating_sub(1);
-        let (before, after) = (self.messages.get(index(from))?, self.messages.get(index(to))?);
+        let before = self.messages.get(index(from))?;
+        let after = self.messages.get(index(to))?;
         if before.at == after.at {
             return None;
         }
         let motion =
             |m: &Modes<DroneClock>| DeckModes::new(m, (to - m.at).secs(), &self.level_arm, 0.0).motion();
-        let (before, after) = (motion(before), motion(after));
+        let before = motion(before);
+        let after = motion(after);
         let less = |a: [f64; AXES], b: [f64; AXES]| core::array::from_fn(|i| a[i] - b[i]);
         Some(DeckMotion {
             value: less(before.value, after.value),
@@ -373,12 +375,12 @@ impl Waves {
             acceleration: less(before.acceleration, after.acceleration),
         })
     }
-    pub fn motion(&self, t: Time<DroneClock>) -> DeckMotion {
+    pub fn motion(&self, t: DroneTime) -> DeckMotion {
         self.modes(t, 0.0).motion()
     }
     /// Variance of the newest modes' prediction from `now` to a number of seconds later, by degree of freedom, in
     /// excess of that of the residual oscillator.
-    pub fn variance(&self, now: Time<DroneClock>) -> impl Fn(f64) -> [f64; AXES] {
+    pub fn variance(&self, now: DroneTime) -> impl Fn(f64) -> [f64; AXES] {
         let age = self
             .messages
             .back()
@@ -397,6 +399,7 @@ impl Waves {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     /// A vessel heads east and yaws by 0.1 rad in 5 s, so its deck 4 m aft swings north and south.
     #[test]

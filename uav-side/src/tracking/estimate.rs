@@ -131,7 +131,8 @@ mod tests {
         assert!((ground - 0.1 * GRAVITY).abs() < 0.01, "{ground}");
         // In a tilted hover in wind the drag has no vertical component. A hover thrust learned along the thrust would
         // be wrong by a sin(tilt).
-        let (tilt, thrust) = (0.2_f64, GRAVITY / 0.2_f64.cos());
+        let tilt = 0.2_f64;
+        let thrust = GRAVITY / 0.2_f64.cos();
         let drag = GRAVITY * tilt.tan();
         let measured_force = Vector3::new(drag * tilt.cos(), 0.0, -thrust + drag * tilt.sin());
         let u = 0.4 * thrust / GRAVITY;

@@ -8,6 +8,7 @@
 mod config;
 mod estimate;
 
+use alight_shared::frames::wxyz;
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DroneState, PlanStage, SetPoint, SetPointKind};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -220,7 +221,7 @@ pub(crate) fn steer(stage: &PlanStage, drone: &DroneState, hover: f64) -> SetPoi
         position: stage.position,
         velocity: stage.velocity,
         yaw: stage.euler[2],
-        attitude: [a.attitude.w, a.attitude.i, a.attitude.j, a.attitude.k],
+        attitude: wxyz(&a.attitude),
         thrust: a.thrust,
         ..SetPoint::default()
     }

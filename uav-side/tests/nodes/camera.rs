@@ -66,7 +66,8 @@ fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> GreyImag
                 let cell = usize::from(*cell);
                 for v in 0..10 * cell {
                     for u in 0..10 * cell {
-                        let (column, row) = (u / cell, v / cell);
+                        let column = u / cell;
+                        let row = v / cell;
                         let inside = (2..8).contains(&column) && (2..8).contains(&row);
                         let margin = column == 0 || row == 0 || column == 9 || row == 9;
                         let white = if inside {
@@ -95,10 +96,8 @@ fn draw(width: usize, height: usize, ground: u8, strokes: &[Stroke]) -> GreyImag
                 let ends = [x0, y0, x1, y1].map(|v| f64::from(*v));
                 for k in 0..=500 {
                     let s = f64::from(k) / 500.0;
-                    let (x, y) = (
-                        ends[0] + s * (ends[2] - ends[0]),
-                        ends[1] + s * (ends[3] - ends[1]),
-                    );
+                    let x = ends[0] + s * (ends[2] - ends[0]);
+                    let y = ends[1] + s * (ends[3] - ends[1]);
                     for d in 0..usize::from(*broad) {
                         set(x as usize + d, y as usize, *level);
                     }

@@ -44,9 +44,11 @@ impl Reader {
             self.frames.push(data);
             return;
         }
-        let (number, sequence) = (usize::from((d.flags >> 1) & 3), d.flags >> 3);
+        let number = usize::from((d.flags >> 1) & 3);
+        let sequence = d.flags >> 3;
         if self.parts.len() != 4 || sequence != self.sequence {
-            (self.sequence, self.parts) = (sequence, vec![None; 4]);
+            self.sequence = sequence;
+            self.parts = vec![None; 4];
         }
         self.parts[number] = Some(data);
         let ends = |p: &Option<Vec<u8>>| p.as_ref().is_some_and(|p| p.len() < 180);
@@ -143,7 +145,8 @@ fn place_dated_by_the_smallest_delay() {
 /// The receiver's time message is not delayed and dates a relative position that the radio has delayed.
 #[test]
 fn place_dated_by_the_receivers_own_time() {
-    let (mut base, mut headers) = (MovingBase::default(), OutputHeaders::default());
+    let mut base = MovingBase::default();
+    let mut headers = OutputHeaders::default();
     let taken = &mut AutopilotOut::default();
     base.take(
         Time::from_secs(99.9),
@@ -178,7 +181,8 @@ fn place_dated_by_the_receivers_own_time() {
 #[test]
 fn place_relative_to_another_station() {
     let mut base = MovingBase::default();
-    let (now, taken) = (Time::from_secs(1.0), &mut AutopilotOut::default());
+    let now = Time::from_secs(1.0);
+    let taken = &mut AutopilotOut::default();
     base.take(now, &[frame(0.9, 60)], RtcmTarget::Receiver, taken);
     let report = RelativeReport {
         of_week_ns: 0,
@@ -204,7 +208,8 @@ fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOu
         receiver: receiver.into(),
         ..AutopilotLinkConfig::default()
     };
-    let (odometry, geometry) = (OdometryConfig::default(), DroneGeometry::default());
+    let odometry = OdometryConfig::default();
+    let geometry = DroneGeometry::default();
     let mut link = AutopilotLink::new(&config, &odometry, &geometry, false, 1, 1);
     let heartbeat = MavlinkFrame {
         from: Address::new(1, AUTOPILOT_COMPONENT),
@@ -247,7 +252,9 @@ fn frames_to_the_autopilot_or_to_the_receiver() {
     };
     let (out, link) = link_out("", frames());
     let mut reader = Reader::default();
-    out.messages.iter().for_each(|m| reader.take(m));
+    for m in &out.messages {
+        reader.take(m);
+    }
     assert_eq!(reader.frames, [rtcm(60), rtcm(400)]);
     assert!(out.rtcm.is_empty());
     assert_eq!(counts(&link), [2, 2], "too long, and too old");
@@ -276,10 +283,8 @@ fn texts_of_the_relative_place_on_change() {
         contradicted_m,
         ..RelativeState::default()
     };
-    let (float, fixed) = (
-        state(CarrierSolution::Float, None),
-        state(CarrierSolution::Fixed, None),
-    );
+    let float = state(CarrierSolution::Float, None);
+    let fixed = state(CarrierSolution::Fixed, None);
     let mut reports = RelativeReports::default();
     let mut texts = Vec::new();
     for (s, state) in [

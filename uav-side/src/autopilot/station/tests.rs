@@ -44,7 +44,8 @@ fn tracking(s: f64) -> MissionState {
 fn station_orders_and_repetitions() {
     let mut orders = StationOrders::default();
     let answered = |orders: &mut StationOrders, s, c| orders.received(at(s), STATION, &new(c), FREE);
-    let (land, abort) = (MavCmd::MAV_CMD_USER_1, MavCmd::MAV_CMD_USER_2);
+    let land = MavCmd::MAV_CMD_USER_1;
+    let abort = MavCmd::MAV_CMD_USER_2;
     assert_eq!(
         answered(&mut orders, 9.9, MavCmd::MAV_CMD_DO_SET_MODE),
         Answered(Unsupported)
@@ -191,7 +192,8 @@ fn station_order_answers() {
     let result = |mission: Option<&MissionState>| {
         let mut orders = StationOrders::default();
         orders.give(LAND, STATION, given(1, 10.0));
-        let (mut published, mut answers) = (0, Vec::new());
+        let mut published = 0;
+        let mut answers = Vec::new();
         for k in 0..600 {
             let (command, a) = orders.poll(at(10.0 + 0.01 * f64::from(k)), mission);
             published += usize::from(command.is_some());
@@ -296,45 +298,36 @@ fn station_in_place_of_another() {
     assert!(matches!(other, Order(kind) if kind != first), "{other:?}");
 }
 
-/// The mission also acknowledges orders that it rejects.
+/// The mission also acknowledges orders that it rejects; the answer gives the full reason.
 #[test]
 fn station_order_that_the_mission_rejects() {
-    let mut orders = StationOrders::default();
-    let header = given(1, 10.0);
-    let kind = CommandKind::Station(Station::USUAL);
-    orders.give((MavCmd::MAV_CMD_USER_4, kind), STATION, header);
-    let mission = MissionState {
-        order: Some([header.boot, header.sequence]),
-        rejected: Some(ReasonCode::StationNotNow.into()),
-        ..tracking(10.1)
-    };
-    let (_, answer) = orders.poll(at(10.1), Some(&mission));
-    let answer = answer.unwrap();
-    assert_eq!(answer.result, TemporarilyRejected);
-    assert!(answer.text.unwrap().starts_with("no station from here: "));
-}
-
-/// A landed drone rejects an order to land and gives the full reason.
-#[test]
-fn landing_ordered_of_a_drone_that_stands() {
-    let mut orders = StationOrders::default();
-    let header = given(1, 10.0);
-    let asked = orders.received(at(10.0), STATION, &new(MavCmd::MAV_CMD_USER_1), FREE);
-    assert_eq!(asked, Order(CommandKind::Land));
-    orders.give(LAND, STATION, header);
-    let mission = MissionState {
-        state: State::Landed,
-        order: Some([header.boot, header.sequence]),
-        rejected: Some(ReasonCode::OnDeck.into()),
-        ..tracking(10.1)
-    };
-    let (_, answer) = orders.poll(at(10.1), Some(&mission));
-    let answer = answer.unwrap();
-    assert_eq!(answer.result, TemporarilyRejected);
-    assert!(
-        answer
-            .text
-            .unwrap()
-            .starts_with("no landing: the drone stands on the deck")
-    );
+    let station = (MavCmd::MAV_CMD_USER_4, CommandKind::Station(Station::USUAL));
+    for (order, state, code, text) in [
+        (
+            station,
+            State::Tracking,
+            ReasonCode::StationNotNow,
+            "no station from here: ",
+        ),
+        (
+            LAND,
+            State::Landed,
+            ReasonCode::OnDeck,
+            "no landing: the drone stands on the deck",
+        ),
+    ] {
+        let mut orders = StationOrders::default();
+        let header = given(1, 10.0);
+        orders.give(order, STATION, header);
+        let mission = MissionState {
+            state,
+            order: Some([header.boot, header.sequence]),
+            rejected: Some(code.into()),
+            ..tracking(10.1)
+        };
+        let (_, answer) = orders.poll(at(10.1), Some(&mission));
+        let answer = answer.unwrap();
+        assert_eq!(answer.result, TemporarilyRejected);
+        assert!(answer.text.unwrap().starts_with(text));
+    }
 }

@@ -2,8 +2,7 @@
 
 use alight_shared::mavlink::dialect::MavFrame::MAV_FRAME_LOCAL_NED;
 use alight_shared::mavlink::dialect::{self as m, MavMessage as M};
-use alight_shared::mavlink::fields;
-use alight_shared::mavlink::{CharArray, Outgoing};
+use alight_shared::mavlink::{CharArray, Outgoing, fields};
 
 use super::super::message::{
     Address, AttitudeThrustTarget, HilGps, HilSensor, MavlinkMessage, PositionTarget, TargetAbsolute,
@@ -111,7 +110,8 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<Outgoing> {
         MavlinkMessage::Position(p) => {
             // All fields are used except the time, which neither autopilot evaluates.
             let mut d = m::SET_POSITION_TARGET_LOCAL_NED_DATA::DEFAULT;
-            (d.target_system, d.target_component) = (p.to.system, p.to.component);
+            d.target_system = p.to.system;
+            d.target_component = p.to.component;
             d.coordinate_frame = m::MavFrame::MAV_FRAME_LOCAL_NED;
             d.type_mask = m::PositionTargetTypemask::empty();
             fields!(d, x y z) = narrow(p.position);
@@ -123,7 +123,8 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<Outgoing> {
         MavlinkMessage::AttitudeThrust(a) => {
             use m::AttitudeTargetTypemask as Mask;
             let mut d = m::SET_ATTITUDE_TARGET_DATA::DEFAULT;
-            (d.target_system, d.target_component) = (a.to.system, a.to.component);
+            d.target_system = a.to.system;
+            d.target_component = a.to.component;
             d.type_mask = match a.rates {
                 Some(_) => Mask::empty(),
                 None => {
@@ -164,7 +165,8 @@ pub(super) fn encode(message: &MavlinkMessage) -> Option<Outgoing> {
             let [north, east, _] = g.velocity;
             let mut d = m::HIL_GPS_DATA::DEFAULT;
             d.time_usec = g.time_us;
-            (d.fix_type, d.satellites_visible) = (3, 14);
+            d.fix_type = 3;
+            d.satellites_visible = 14;
             [d.lat, d.lon] = [g.latitude, g.longitude].map(|v| degrees(v.to_degrees()));
             d.alt = (g.altitude_m * 1e3).round() as i32;
             [d.eph, d.epv] = g.sd_m.map(|v| centi(v) as u16);
@@ -239,7 +241,9 @@ pub(super) fn status_texts(severity: m::MavSeverity, text: &str, number: u16) ->
     let rest = Some(full.remainder()).filter(|rest| id != 0 || !rest.is_empty() || text.is_empty());
     let part = |(chunk_seq, part): (u8, &[u8])| {
         let mut text = [0; TEXT];
-        text.iter_mut().zip(part).for_each(|(to, byte)| *to = *byte);
+        for (to, byte) in text.iter_mut().zip(part) {
+            *to = *byte;
+        }
         m::STATUSTEXT_DATA {
             severity,
             text: CharArray::new(text),

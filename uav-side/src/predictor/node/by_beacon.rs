@@ -8,11 +8,7 @@ const LEVEL_S: f64 = 300.0;
 impl Predictor {
     /// Forecast from the beacon alone: a level deck on a straight course, at its configured height above mean sea
     /// level. None without a beacon or a sea level from the autopilot.
-    pub(super) fn forecast_by_beacon(
-        &mut self,
-        now: Time<DroneClock>,
-        ages: [f64; 2],
-    ) -> Option<DeckForecast> {
+    pub(super) fn forecast_by_beacon(&mut self, now: DroneTime, ages: [f64; 2]) -> Option<DeckForecast> {
         let known = self.known_by_beacon(now)?;
         let [radio_age_s, vision_age_s] = ages;
         let known_z = (self.filter.as_ref().and_then(Filter::last))
@@ -46,7 +42,7 @@ impl Predictor {
         f.check().is_ok().then_some(f)
     }
     /// Forecast without a deck: several decks are in view and none is followed.
-    pub(super) fn no_forecast(&mut self, now: Time<DroneClock>, ages: [f64; 2]) -> Option<DeckForecast> {
+    pub(super) fn no_forecast(&mut self, now: DroneTime, ages: [f64; 2]) -> Option<DeckForecast> {
         let decks_in_sight = self.decks.undecided(now);
         if decks_in_sight == 0 {
             return None;
@@ -66,7 +62,7 @@ impl Predictor {
         })
     }
     /// More accurate of the estimates from the beacon and from the last known position.
-    pub(super) fn known_by_beacon(&self, now: Time<DroneClock>) -> Option<BeaconEstimate> {
+    pub(super) fn known_by_beacon(&self, now: DroneTime) -> Option<BeaconEstimate> {
         let drone = self.track.newest()?;
         let last = self.last_known.as_ref().filter(|_| !self.is_received(now));
         (self.beacon.iter().chain(last))
@@ -74,7 +70,7 @@ impl Predictor {
             .min_by(|a, b| a.sd_m.total_cmp(&b.sd_m))
     }
     /// Stores position and velocity of the vessel from fresh measurements.
-    pub(super) fn remember(&mut self, now: Time<DroneClock>, axes: &[Axis; AXES], source: Source) {
+    pub(super) fn remember(&mut self, now: DroneTime, axes: &[Axis; AXES], source: Source) {
         let Some(drone) = self.track.newest().filter(|_| self.config.beacons) else {
             return;
         };
@@ -97,7 +93,7 @@ impl Predictor {
         self.last_known = BeaconTrack::of_vessel(now, drone, &place, &velocity);
     }
     /// Updates the sea level and, if the mission permits beacons, the vessel's beacons.
-    pub(super) fn receive_beacons(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+    pub(super) fn receive_beacons(&mut self, now: DroneTime, input: &PredictorIn) {
         if let Some(a) = &input.autopilot {
             self.origin_sea_m = a.origin_sea_m;
         }

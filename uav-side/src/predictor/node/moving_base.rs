@@ -1,6 +1,6 @@
 //! Relative position from a receiver with the vessel as its moving base.
 
-use nalgebra::UnitQuaternion;
+use alight_shared::frames::yaw_rotation;
 
 use super::super::axis::DRIFT;
 use super::super::observation::Plane;
@@ -12,7 +12,7 @@ impl Predictor {
     /// forecast.
     pub(super) fn relative_place(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         m: &RelativePlace,
     ) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
@@ -25,7 +25,7 @@ impl Predictor {
         let axes = filter.at(&self.waves, at);
         let deck = measurement::plane(&axes, &self.waves.motion(at), self.waves.lever_arm());
         // The baseline refers to true north, so the rotation removes the compass errors.
-        let to_north = UnitQuaternion::from_euler_angles(0.0, 0.0, -axes[5].x[VISION]);
+        let to_north = yaw_rotation(-axes[5].x[VISION]);
         let heading_sd = axes[5].project(MeasurementRow::Level).1.sqrt();
         let deck = Plane {
             rotation: to_north * deck.rotation,
@@ -42,7 +42,7 @@ impl Predictor {
     /// Fuses a detection. Additional camera errors apply while a relative position is in use.
     pub(super) fn fuse_next_to_relative(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         o: &DeckObservation,
     ) -> Result<(), RejectionReason> {
         if self.relative.is_in_use(now) {
@@ -77,7 +77,7 @@ impl Predictor {
 }
 
 /// Velocity of the deck in the drone's frame at `at`, m/s.
-fn velocity(waves: &Waves, axes: &[Axis; AXES], at: Time<DroneClock>) -> Vector3<f64> {
+fn velocity(waves: &Waves, axes: &[Axis; AXES], at: DroneTime) -> Vector3<f64> {
     let modes = waves.motion(at);
     Vector3::from_fn(|i, _| axes[i].predicted(MeasurementRow::Rate) + axes[i].x[DRIFT] + modes.rate[i])
 }

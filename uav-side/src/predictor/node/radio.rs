@@ -2,7 +2,7 @@
 
 use alight_shared::admission::RejectionReason;
 use alight_shared::msg::{VesselEstimate, WaveModel};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime};
 use alight_shared::vessel_model::YAW;
 
 use super::super::observation;
@@ -10,11 +10,7 @@ use super::super::placement::placed;
 use super::{Estimate, Predictor};
 
 impl Predictor {
-    pub(super) fn wave(
-        &mut self,
-        now: Time<DroneClock>,
-        m: &WaveModel<DroneClock>,
-    ) -> Result<(), RejectionReason> {
+    pub(super) fn wave(&mut self, now: DroneTime, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {
         Self::admit(now, m)?;
         self.slopes = Some((m.header.at, m.slopes));
         let identified = self.waves.receive(m);
@@ -23,7 +19,7 @@ impl Predictor {
     }
 
     /// Switches the filter to newer modes. `identified`: whether they replace the default oscillators.
-    pub(super) fn follow_modes(&mut self, at: Time<DroneClock>, identified: bool) {
+    pub(super) fn follow_modes(&mut self, at: DroneTime, identified: bool) {
         match &mut self.filter {
             Some(f) if identified => f.adopt_modes(&self.waves),
             Some(f) => f.rebase(&self.waves, at),
@@ -33,7 +29,7 @@ impl Predictor {
 
     pub(super) fn estimate(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         e: &VesselEstimate<DroneClock>,
     ) -> Result<(), RejectionReason> {
         Self::admit(now, e)?;

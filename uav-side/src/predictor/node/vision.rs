@@ -3,7 +3,7 @@
 use super::*;
 
 impl Predictor {
-    pub(super) fn measure(&mut self, now: Time<DroneClock>, input: &PredictorIn) {
+    pub(super) fn measure(&mut self, now: DroneTime, input: &PredictorIn) {
         for m in &input.relative {
             let admitted = self.relative_place(now, m);
             self.count(admitted);
@@ -31,7 +31,7 @@ impl Predictor {
 
     pub(super) fn observed(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         m: &impl Message<Clock = DroneClock>,
         observe: impl FnOnce(&super::super::track::Pose, &PredictorConfig) -> DeckObservation,
     ) -> Result<DeckObservation, RejectionReason> {
@@ -45,7 +45,7 @@ impl Predictor {
     /// Deck of the tags, or an error if they are not at the vessel's position.
     pub(super) fn sighted(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         m: &TagPose,
     ) -> Result<(DeckObservation, Option<usize>), RejectionReason> {
         let o = self.observed(now, m, |p, c| observation::tag(m, p, c))?;
@@ -66,7 +66,7 @@ impl Predictor {
     /// Fuses tags of deck `k` if that is the vessel's own deck.
     pub(super) fn identified(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         (o, k): (DeckObservation, Option<usize>),
     ) -> Result<(), RejectionReason> {
         let radio = self.is_received(now);
@@ -83,7 +83,7 @@ impl Predictor {
 
     pub(super) fn vision(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         observation: &DeckObservation,
     ) -> Result<(), RejectionReason> {
         self.fuse_next_to_relative(now, observation)?;
@@ -95,13 +95,13 @@ impl Predictor {
         Ok(())
     }
     /// Whether the radio still gives the vessel's position.
-    pub(super) fn is_received(&self, now: Time<DroneClock>) -> bool {
+    pub(super) fn is_received(&self, now: DroneTime) -> bool {
         self.age_s(now, &[Estimate]) <= SILENT_S
     }
     /// Rejects a detection that is too far from the vessel's position by radio or beacon.
     pub(super) fn not_elsewhere(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         axes: Option<&[Axis; AXES]>,
         o: &DeckObservation,
     ) -> Result<(), RejectionReason> {
@@ -118,7 +118,7 @@ impl Predictor {
     /// relative position or the radio's; while the radio is silent and no deck is followed, the beacon's.
     pub(super) fn apart_from_radio(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         axes: Option<&[Axis; AXES]>,
         o: &DeckObservation,
     ) -> Option<[f64; 2]> {
@@ -138,7 +138,7 @@ impl Predictor {
     /// m.
     pub(super) fn place_apart_m(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         filter: &Filter,
         [radio_age_s, vision_age_s]: [f64; 2],
     ) -> Option<[f64; 2]> {

@@ -1,8 +1,7 @@
 //! Arbitrary input is counted, and the forecast stays valid.
 
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    CarrierSolution, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, RelativePlace,
+    CarrierSolution, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, RelativePlace, Seq,
     TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;

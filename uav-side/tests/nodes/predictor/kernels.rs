@@ -1,8 +1,8 @@
 //! Filter of one axis, and vision geometry, against closed forms.
 
-use alight_shared::frames::body_from_camera;
+use alight_shared::frames::{body_from_camera, wxyz};
 use alight_shared::msg::{RangeSample, TagPose};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneTime, Time};
 use alight_uav::predictor::PredictorConfig;
 use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, OscillatorStep, RATE};
 use alight_uav::predictor::filter::Filter;
@@ -73,11 +73,12 @@ fn tag_and_rangefinder_observations() {
     let camera = drone.attitude.to_rotation_matrix().into_inner() * body_from_camera();
     let lens = drone.position + drone.attitude * Vector3::from(c.drone.camera_m);
     let relative = camera.transpose() * (centre - lens);
-    let q = UnitQuaternion::from_matrix(&(camera.transpose() * deck.to_rotation_matrix().into_inner()));
     let tag = TagPose {
         header: header(1, 1.0),
         position: relative.into(),
-        attitude: [q.w, q.i, q.j, q.k],
+        attitude: wxyz(&UnitQuaternion::from_matrix(
+            &(camera.transpose() * deck.to_rotation_matrix().into_inner()),
+        )),
         variance: [1e-4; 6],
     };
     let o = observation::tag(&tag, &drone, &c);
@@ -127,7 +128,7 @@ fn filter_of_a_turning_vessel() {
         let [north, east] = [radius * s, radius * (1.0 - c)];
         let heading = Some((turn * t, 1e-6));
         DeckObservation {
-            at: Time::<DroneClock>::from_secs(t),
+            at: DroneTime::from_secs(t),
             kind: ObservationKind::Estimate,
             value: [
                 known(north),
@@ -179,7 +180,7 @@ fn newer_modes_with_vision() {
     waves.receive_prediction(&world::spread(1, 0.9));
     waves.receive(&world::waves(&vessel, 1, 0.9));
     let deck = |t: f64| DeckObservation {
-        at: Time::<DroneClock>::from_secs(t),
+        at: DroneTime::from_secs(t),
         kind: ObservationKind::Tag,
         value: [0.3, -0.2, -1.0, 0.02, -0.01, 0.1].map(|v| Some((v, 1e-5))),
         rate: [None; 6],
@@ -192,7 +193,8 @@ fn newer_modes_with_vision() {
     }
     let now = Time::from_secs(1.29);
     let place = |filter: &Filter, waves: &Waves| {
-        let (state, modes) = (filter.at(waves, now), waves.motion(now));
+        let state = filter.at(waves, now);
+        let modes = waves.motion(now);
         [0, 1, 2, 3, 4, 5].map(|i| state[i].project(MeasurementRow::Vision).0 + modes.value[i])
     };
     let before = place(&filter, &waves);
@@ -223,7 +225,8 @@ fn modes_without_confidence() {
     };
     let unknown = heave(&waves);
     model.header = header(2, 1.0);
-    (model.modes, model.confidence) = (modes, 0.0);
+    model.modes = modes;
+    model.confidence = 0.0;
     assert!(waves.receive(&model) && waves.are_identified());
     assert!(heave(&waves) < 0.1 * unknown, "{} {unknown}", heave(&waves));
 }

@@ -58,7 +58,8 @@ fn frame_offset_by_relative_place() {
         ..Default::default()
     };
     let r = run(&v, &set, 40.0);
-    let (radio_only, both) = (r.accuracy(&v, 5.0..10.0, 0.0), r.accuracy(&v, 20.0..40.0, 0.0));
+    let radio_only = r.accuracy(&v, 5.0..10.0, 0.0);
+    let both = r.accuracy(&v, 20.0..40.0, 0.0);
     assert!(radio_only.horizontal > 0.3, "the frames differ: {radio_only:?}");
     assert!(both.horizontal < 0.1 && both.vertical < 0.1, "{both:?}");
 }
@@ -72,7 +73,8 @@ fn apparent_slope_ten_seconds_ahead() {
             ..SimulatedVessel::moderate()
         };
         let r = run(&v, &Setup::default(), 40.0);
-        let (mut squares, mut n) = (0.0, 0.0);
+        let mut squares = 0.0;
+        let mut n = 0.0;
         for s in r.samples.iter().filter(|s| s.now > 20.0).step_by(10) {
             assert_eq!(s.forecast.predicted_slopes.len(), PREDICTED_SLOPES);
             for (k, slope) in s.forecast.predicted_slopes.iter().enumerate().take(40) {
@@ -159,7 +161,8 @@ fn successor_too_near_to_see_the_deck() {
         };
         // The first forecast is checked as well, because a wrong one would end a landing.
         let after = |remembers| run(&v, &set(remembers), 31.0).accuracy(&v, 30.2..31.0, 0.2);
-        let (kept, lost) = (after(true), after(false));
+        let kept = after(true);
+        let lost = after(false);
         assert!(kept.horizontal < 0.3 && kept.vertical < 0.2, "{kept:?}");
         assert!(kept.horizontal < 0.3 * lost.horizontal, "{kept:?} {lost:?}");
         assert!(kept.nees_position < 3.0, "{kept:?}");
@@ -196,7 +199,8 @@ fn forecast_without_any_radio() {
 #[test]
 fn modes_of_a_silent_vessel_by_vision() {
     let v = SimulatedVessel::moderate();
-    let (mut before, mut after) = (0.0, 0.0);
+    let mut before = 0.0;
+    let mut after = 0.0;
     for seed in 1..=4 {
         let set = Setup {
             seed,

@@ -1,6 +1,6 @@
 //! Predictor with a relative position from a moving base: a correct fix, a false fix, and a float solution.
 
-use alight_shared::frames::body_from_camera;
+use alight_shared::frames::{body_from_camera, wxyz};
 use alight_shared::geometry::DroneGeometry;
 use alight_shared::msg::{
     CarrierSolution, DeckForecast, DroneState, Header, RelativePlace, RelativeState, TagPose, VesselEstimate,
@@ -65,7 +65,7 @@ impl Bench {
         let tag = TagPose {
             header,
             position: (camera.transpose() * (DECK - DRONE - Vector3::from(geometry.camera_m))).into(),
-            attitude: [turned.w, turned.i, turned.j, turned.k],
+            attitude: wxyz(&turned),
             variance: [1e-4; 6],
         };
         let relative = self.solution.map(|solution| RelativePlace {
@@ -130,7 +130,8 @@ fn false_fix_before_the_tags() {
     );
     b.solution = Some(CarrierSolution::Float);
     b.run(0.5);
-    (b.solution, b.error) = (Some(CarrierSolution::Fixed), Vector3::zeros());
+    b.solution = Some(CarrierSolution::Fixed);
+    b.error = Vector3::zeros();
     b.vision = true;
     b.run(1.5);
     assert!(b.state().confirmed && b.off_m() < 0.05, "{:?}", b.state());

@@ -1,22 +1,21 @@
 use std::ops::Range;
 use std::rc::Rc;
 
-use alight_shared::frames::{body_from_camera, wrap_angle};
+use alight_shared::frames::{body_from_camera, wrap_angle, wxyz};
 use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
     CarrierSolution, DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage,
-    RangeSample, RelativePlace, TagPose, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    RangeSample, RelativePlace, Seq, TagPose, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::{DroneClock, DroneTime, Time};
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{Complex, Rotation3, UnitQuaternion, Vector3};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-pub fn time(s: f64) -> Time<DroneClock> {
+pub fn time(s: f64) -> DroneTime {
     Time::from_secs(s)
 }
 
@@ -61,7 +60,8 @@ impl SimulatedVessel {
     /// Position of the reference point (NED), and Euler angles.
     pub fn eta(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let mut p = Vector3::new(self.speed * t, 0.0, 0.0);
-        let (mut n, mut e) = (0.0, 0.0);
+        let mut n = 0.0;
+        let mut e = 0.0;
         for w in &self.waves {
             let (s, c) = (w.omega * t + w.phase).sin_cos();
             let (ds, dc) = w.direction.sin_cos();
@@ -75,17 +75,20 @@ impl SimulatedVessel {
             e += slope * ds;
         }
         let (s, c) = self.heading.sin_cos();
-        let (along, across) = (c * n + s * e, -s * n + c * e);
+        let along = c * n + s * e;
+        let across = -s * n + c * e;
         (p, Vector3::new(-across, along, self.heading + 0.1 * across))
     }
     pub fn rates(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let h = 1e-4;
-        let (a, b) = (self.eta(t - h), self.eta(t + h));
+        let a = self.eta(t - h);
+        let b = self.eta(t + h);
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
     pub fn accelerations(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
         let h = 1e-3;
-        let (a, b) = (self.rates(t - h), self.rates(t + h));
+        let a = self.rates(t - h);
+        let b = self.rates(t + h);
         ((b.0 - a.0) / (2.0 * h), (b.1 - a.1) / (2.0 * h))
     }
     /// Apparent slope over the second around `t`: tangent of the angle between the deck's normal and the mean specific
@@ -254,7 +257,7 @@ fn odometry(
         header,
         position: position.into(),
         velocity: [0.0; 3],
-        attitude: [attitude.w, attitude.i, attitude.j, attitude.k],
+        attitude: wxyz(attitude),
         position_sd: [0.02; 3],
         ..Default::default()
     }
@@ -277,11 +280,10 @@ fn tag(
     let sd = Vector3::new(0.002 * z, 0.002 * z, 0.002 * z * z);
     let asd = 0.01 * z;
     let noise = UnitQuaternion::from_scaled_axis(normal3(rng) * asd);
-    let q = noise * UnitQuaternion::from_matrix(&turned);
     TagPose {
         header,
         position: (relative + sd.component_mul(&normal3(rng))).into(),
-        attitude: [q.w, q.i, q.j, q.k],
+        attitude: wxyz(&(noise * UnitQuaternion::from_matrix(&turned))),
         variance: [sd.x, sd.y, sd.z, asd, asd, asd].map(|s| s * s),
     }
 }
@@ -345,10 +347,13 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
     let mut angle_error = Markov::new(&mut rng, 0.006, 1.0);
     let mut rate_error = Markov::new(&mut rng, 0.004, 0.3);
     let mount = UnitQuaternion::from_scaled_axis(normal3(&mut rng) * 0.6_f64.to_radians());
-    let (mut in_flight, mut samples) = (Vec::<(f64, PredictorIn)>::new(), Vec::new());
-    let (mut kept, mut given) = (None, None);
+    let mut in_flight = Vec::<(f64, PredictorIn)>::new();
+    let mut samples = Vec::new();
+    let mut kept = None;
+    let mut given = None;
     for k in 0..(seconds * 100.0) as u32 {
-        let (now, dt) = (f64::from(k) * 0.01, 0.01);
+        let now = f64::from(k) * 0.01;
+        let dt = 0.01;
         let vf = vessel_frame.step(&mut rng, dt);
         let pe = position_error.step(&mut rng, dt);
         let ve = velocity_error.step(&mut rng, dt);
@@ -472,7 +477,8 @@ pub struct Accuracy {
 
 impl Accuracy {
     pub fn of<'a>(v: &SimulatedVessel, samples: impl Iterator<Item = &'a Sample>, ahead: f64) -> Accuracy {
-        let (mut f, mut n) = (Accuracy::default(), 0.0);
+        let mut f = Accuracy::default();
+        let mut n = 0.0;
         for s in samples {
             let (p, e, stage) = s.error(v, ahead);
             n += 1.0;
