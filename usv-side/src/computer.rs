@@ -10,7 +10,7 @@ use alight_shared::msg::{
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
 use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::time::{DroneClock, VesselClock, VesselTime};
 use alight_shared::wire::{self, WireError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,7 +80,9 @@ impl ComputerOut {
             |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
                 let held = topic.row().held && (topic != RadioTopic::Wave || whole);
                 // A message that cannot be encoded is not sent; the receiver detects the gap.
-                messages.flatten().for_each(|bytes| send(topic, bytes, held));
+                for bytes in messages.flatten() {
+                    send(topic, bytes, held);
+                }
             };
         let vessel = &self.vessel;
         send_all(
@@ -214,7 +216,7 @@ impl VesselComputer {
         &self.drones
     }
     /// Drone that follows another computer with this vessel's identity.
-    pub fn follows_another(&self, now: Time<VesselClock>) -> Option<FollowsAnother> {
+    pub fn follows_another(&self, now: VesselTime) -> Option<FollowsAnother> {
         self.followed.another(now, self.boot)
     }
     /// Number of messages whose author is not the owner of their key.
@@ -243,12 +245,7 @@ impl VesselComputer {
     }
 
     /// Events for changes of the deck's owner and of drone numbers that are used twice.
-    fn deck_events(
-        &mut self,
-        now: Time<VesselClock>,
-        former_owner: Option<u32>,
-        events: &mut Vec<VesselEvent>,
-    ) {
+    fn deck_events(&mut self, now: VesselTime, former_owner: Option<u32>, events: &mut Vec<VesselEvent>) {
         let doubles: Vec<_> = self.arbiter.doubles().collect();
         let new = doubles.iter().filter(|d| !self.doubles.contains(d));
         events.extend(new.map(|&(drone, boots)| VesselEvent::DoubleNumber { drone, boots }));
@@ -274,7 +271,7 @@ impl Node for VesselComputer {
     type In = ComputerIn;
     type Out = ComputerOut;
 
-    fn step(&mut self, now: Time<VesselClock>, input: &ComputerIn) -> ComputerOut {
+    fn step(&mut self, now: VesselTime, input: &ComputerIn) -> ComputerOut {
         let mut events = Vec::new();
         let orders = self.crew.take(now, &input.crew, &mut events);
         let of_drone = |sender, status: &DroneStatus| sender == Sender::Drone(status.header.drone);

@@ -24,7 +24,9 @@ pub(crate) fn decode<D: SensorDecoder>(
     cut: usize,
 ) -> (Vec<SourceMeasurement>, D) {
     let mut out = Vec::new();
-    bytes.chunks(cut).for_each(|part| decoder.push(part, &mut out));
+    for part in bytes.chunks(cut) {
+        decoder.push(part, &mut out);
+    }
     (out, decoder)
 }
 

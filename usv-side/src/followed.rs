@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{FollowsAnother, TimeRequest};
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, Span, VesselClock, VesselTime};
 
 use crate::deck::MAX_DRONES;
 
@@ -17,8 +17,8 @@ const FRESH: Span = Span::from_millis(3000);
 #[derive(Clone, Copy, Debug)]
 struct Following {
     boot: u32,
-    since: Time<VesselClock>,
-    newest: Time<VesselClock>,
+    since: VesselTime,
+    newest: VesselTime,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -48,7 +48,7 @@ impl Followed {
         }
     }
     /// First drone that follows a computer other than the one with boot `boot`.
-    pub(crate) fn another(&self, now: Time<VesselClock>, boot: u32) -> Option<FollowsAnother> {
+    pub(crate) fn another(&self, now: VesselTime, boot: u32) -> Option<FollowsAnother> {
         let follows = |f: &Following| {
             // Boot 0: no estimate received.
             f.boot != 0 && f.boot != boot && now - f.newest <= FRESH && f.newest - f.since >= RESTART_TIMEOUT
@@ -65,6 +65,7 @@ impl Followed {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
 
     #[test]
     fn drone_that_follows_a_second_computer() {

@@ -8,7 +8,7 @@ use alight_shared::msg::{
 };
 use alight_shared::node::Node;
 use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, Span, VesselClock, VesselTime};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -108,10 +108,10 @@ impl SourceState {
 
 /// Source in use, for a kind of measurement of which only one source is used at a time.
 #[derive(Clone, Copy, Debug, Default)]
-struct SelectedSource(Option<(u8, Time<VesselClock>)>);
+struct SelectedSource(Option<(u8, VesselTime)>);
 
 impl SelectedSource {
-    fn accepts(&mut self, source: u8, at: Time<VesselClock>) -> bool {
+    fn accepts(&mut self, source: u8, at: VesselTime) -> bool {
         let accepts = self
             .0
             .is_none_or(|(used, last)| used == source || at - last > Span::from_secs(SOURCE_TIMEOUT_S));
@@ -203,7 +203,7 @@ impl VesselNode {
     /// whether the gate rejected a component, or None if it does not need the measurement.
     fn take<M: Message<Clock = VesselClock> + Copy + Into<Measurement>>(
         &mut self,
-        now: Time<VesselClock>,
+        now: VesselTime,
         (kind, max_age_s): (usize, f64),
         measurements: &[M],
         fuse: impl Fn(&mut Self, &M) -> Option<bool>,
@@ -244,7 +244,7 @@ impl VesselNode {
             .count_many(RejectionReason::Flood, inputs.saturating_sub(MAX_PER_STEP));
     }
 
-    fn take_measurements(&mut self, now: Time<VesselClock>, readings: &Readings) {
+    fn take_measurements(&mut self, now: VesselTime, readings: &Readings) {
         let ages = (self.config.gnss.max_age_s, self.config.heading.max_age_s);
         // Inertial samples come first, because they propagate the state to the time of the others.
         self.take(now, (IMU, MAX_IMU_AGE_S), &readings.imu, |node, m| {
@@ -273,7 +273,7 @@ impl VesselNode {
         });
     }
 
-    fn surroundings(&mut self, now: Time<VesselClock>) -> Option<VesselSurroundings<VesselClock>> {
+    fn surroundings(&mut self, now: VesselTime) -> Option<VesselSurroundings<VesselClock>> {
         let (surroundings, periodic, sequence) = &mut self.around;
         if surroundings.is_empty() || !periodic.is_due(now, SURROUNDINGS_PERIOD) {
             return None;
@@ -285,7 +285,7 @@ impl VesselNode {
         checked(message, sequence, &mut self.rejected)
     }
 
-    fn reply(&mut self, now: Time<VesselClock>, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
+    fn reply(&mut self, now: VesselTime, input: &VesselIn) -> Vec<TimeReply<VesselClock, DroneClock>> {
         let mut replies = Vec::new();
         for request in input.time_requests.iter().take(MAX_PER_STEP) {
             let asked = &request.message.header;
@@ -334,7 +334,7 @@ impl Node for VesselNode {
     type In = VesselIn;
     type Out = VesselOut;
 
-    fn step(&mut self, now: Time<VesselClock>, input: &VesselIn) -> VesselOut {
+    fn step(&mut self, now: VesselTime, input: &VesselIn) -> VesselOut {
         self.take_measurements(now, &input.readings);
         self.count_flood(input.time_requests.len());
         self.estimator.tick(now);
@@ -355,10 +355,8 @@ impl Node for VesselNode {
         let header = |sequence| Header::new(self.vessel, 0, self.boot, sequence, now);
         let broadcast = &self.config.broadcast;
         let period = |hz: f64, fraction: f64| Span::from_secs(1.0 / (hz * fraction));
-        let (estimates, models) = (
-            self.rate_control.rate_fraction(),
-            self.rate_control.model_fraction(),
-        );
+        let estimates = self.rate_control.rate_fraction();
+        let models = self.rate_control.model_fraction();
         if self
             .estimate
             .0

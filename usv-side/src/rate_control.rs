@@ -10,7 +10,7 @@
 //! drone's link does, and a drone that connects in the meantime waits.
 
 use alight_shared::config;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::VesselTime;
 
 const MAX_DRONES: usize = 8;
 /// Half of the window for the minimum delay, s.
@@ -45,19 +45,19 @@ config! {
 #[derive(Clone, Copy, Debug)]
 struct DroneLink {
     drone: u32,
-    at: Time<VesselClock>,
+    at: VesselTime,
     /// Minimum delay in this half of the window and in the previous one, s.
     min_delay_s: [f64; 2],
-    half_window_start: Time<VesselClock>,
+    half_window_start: VesselTime,
     congested: u32,
     samples: u32,
     rate_fraction: f64,
     threshold: f64,
-    threshold_at: Time<VesselClock>,
+    threshold_at: VesselTime,
 }
 
 impl DroneLink {
-    fn new(config: &RateControlConfig, now: Time<VesselClock>, drone: u32, delay_s: f64) -> Self {
+    fn new(config: &RateControlConfig, now: VesselTime, drone: u32, delay_s: f64) -> Self {
         DroneLink {
             drone,
             at: now,
@@ -71,11 +71,12 @@ impl DroneLink {
         }
     }
 
-    fn observe(&mut self, config: &RateControlConfig, now: Time<VesselClock>, delay_s: f64, period_s: f64) {
+    fn observe(&mut self, config: &RateControlConfig, now: VesselTime, delay_s: f64, period_s: f64) {
         self.at = now;
         self.samples = self.samples.saturating_add(1);
         if (now - self.half_window_start).secs() > HALF_WINDOW_S {
-            (self.half_window_start, self.min_delay_s) = (now, [delay_s, self.min_delay_s[0]]);
+            self.half_window_start = now;
+            self.min_delay_s = [delay_s, self.min_delay_s[0]];
         }
         self.min_delay_s[0] = self.min_delay_s[0].min(delay_s);
         let queue_delay_s = delay_s - self.min_delay_s[0].min(self.min_delay_s[1]);
@@ -90,7 +91,8 @@ impl DroneLink {
         }
         // A single late sample is an outage that has just ended.
         if self.congested >= 2 {
-            (self.threshold, self.threshold_at) = (0.85 * self.rate_fraction, now);
+            self.threshold = 0.85 * self.rate_fraction;
+            self.threshold_at = now;
             self.rate_fraction = (DECREASE_FACTOR * self.rate_fraction).max(config.min_fraction);
             self.congested = 0;
         } else if self.congested == 0 && self.samples > STARTUP_SAMPLES {
@@ -120,7 +122,7 @@ impl RateControl {
 
     /// Adds a time request of `drone` received at `now`, which names an estimate valid at `newest`; estimates
     /// are `period_s` apart.
-    pub fn observe(&mut self, now: Time<VesselClock>, drone: u32, newest: Time<VesselClock>, period_s: f64) {
+    pub fn observe(&mut self, now: VesselTime, drone: u32, newest: VesselTime, period_s: f64) {
         let delay_s = (now - newest).secs();
         if !(0.0..=60.0).contains(&delay_s) {
             return;
@@ -149,8 +151,12 @@ impl RateControl {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     /// Fractions over `seconds` at 2 Hz on a link of `capacity` (fraction) with a queue of at most `depth_s`.
+    fn control() -> RateControl {
+        RateControl::new(&RateControlConfig::default())
+    }
     fn run(
         rate_control: &mut RateControl,
         from_s: f64,
@@ -158,7 +164,9 @@ mod tests {
         capacity: f64,
         depth_s: f64,
     ) -> Vec<f64> {
-        let (mut queue_s, mut fractions, mut t) = (0.0_f64, Vec::new(), from_s);
+        let mut queue_s = 0.0_f64;
+        let mut fractions = Vec::new();
+        let mut t = from_s;
         while t < from_s + seconds {
             let rate_fraction = rate_control.rate_fraction();
             // Offered minus carried data, as time in the queue.
@@ -174,7 +182,7 @@ mod tests {
 
     #[test]
     fn rate_control_on_a_free_link() {
-        let mut rate_control = RateControl::new(&RateControlConfig::default());
+        let mut rate_control = control();
         assert_eq!(rate_control.rate_fraction(), 1.0);
         let fractions = run(&mut rate_control, 0.0, 12.0, 10.0, 1.0);
         assert_eq!(fractions[2], 0.15);
@@ -183,7 +191,7 @@ mod tests {
 
     #[test]
     fn rate_control_on_a_narrow_link() {
-        let mut rate_control = RateControl::new(&RateControlConfig::default());
+        let mut rate_control = control();
         let fractions = run(&mut rate_control, 0.0, 120.0, 0.4, 1.0);
         let steady = &fractions[60..];
         let mean = steady.iter().sum::<f64>() / steady.len() as f64;
@@ -195,7 +203,7 @@ mod tests {
 
     #[test]
     fn rate_control_with_a_newcomer() {
-        let mut rate_control = RateControl::new(&RateControlConfig::default());
+        let mut rate_control = control();
         run(&mut rate_control, 0.0, 15.0, 10.0, 1.0);
         rate_control.landing = Some(7);
         for k in 0..8 {
@@ -214,7 +222,7 @@ mod tests {
 
     #[test]
     fn rate_control_with_implausible_times() {
-        let mut rate_control = RateControl::new(&RateControlConfig::default());
+        let mut rate_control = control();
         run(&mut rate_control, 0.0, 15.0, 10.0, 1.0);
         let t = Time::from_secs(15.0);
         rate_control.observe(t, 7, Time::from_secs(5.0), 0.033);

@@ -7,7 +7,7 @@
 
 use alight_shared::msg::{Header, RtcmFrames, Seq};
 use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Time, VesselClock, VesselTime};
 
 /// Data rate limit for frames, bytes/s; the bucket holds one second of it.
 pub const BYTES_PER_S: f64 = 3000.0;
@@ -22,7 +22,7 @@ pub struct RtcmRelay {
     header: Header<VesselClock>,
     /// Bytes in the bucket, and time of the update.
     bucket: f64,
-    at: Option<Time<VesselClock>>,
+    at: Option<VesselTime>,
     /// An observation was dropped since the bucket was last full.
     waits: bool,
     dropped: u64,
@@ -44,7 +44,7 @@ impl RtcmRelay {
     /// Frames that fit, in order, as messages with the headers of this process.
     pub fn pass(
         &mut self,
-        now: Time<VesselClock>,
+        now: VesselTime,
         frames: &[RtcmFrames<VesselClock>],
     ) -> Vec<RtcmFrames<VesselClock>> {
         let since_s = self.at.replace(now).map_or(0.0, |at| (now - at).secs().max(0.0));

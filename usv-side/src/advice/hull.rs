@@ -118,11 +118,9 @@ pub(super) struct HullModel {
 impl HullModel {
     /// Hull with the parameters of the vessel model; a degree of freedom without stiffness follows the water.
     pub(super) fn of(model: &VesselModelConfig) -> HullModel {
-        let (m, d, g) = (
-            model.inertia_kg_kgm2,
-            model.damping_npmps_nmpradps,
-            model.stiffness_npm_nmprad,
-        );
+        let m = model.inertia_kg_kgm2;
+        let d = model.damping_npmps_nmpradps;
+        let g = model.stiffness_npm_nmprad;
         let oscillator = |dof: usize| Oscillator {
             natural: if g[dof] > 0.0 {
                 (g[dof] / m[dof]).sqrt()
@@ -154,7 +152,8 @@ impl HullModel {
     pub(super) fn motion(&self, e: &Encounter) -> HullMotion {
         let k = e.omega * e.omega / GRAVITY;
         let (sin, cos) = e.relative.sin_cos();
-        let (along, across) = (0.5 * k * self.length_m * cos, 0.5 * k * self.beam_m * sin);
+        let along = 0.5 * k * self.length_m * cos;
+        let across = 0.5 * k * self.beam_m * sin;
         let whole = mean_over(along) * mean_over(across);
         let push = Complex::new(0.0, e.omega * e.omega * whole);
         let slope = Complex::new(0.0, -k);
@@ -194,7 +193,8 @@ mod tests {
 
     #[test]
     fn long_wave_that_carries_the_hull() {
-        let (omega, k) = (0.5, 0.25 / GRAVITY);
+        let omega = 0.5;
+        let k = 0.25 / GRAVITY;
         for relative in [0.0, 0.7, FRAC_PI_2, PI] {
             let (p, _) = powers(relative, omega, 0.0, Vector3::zeros());
             // The hull heaves and tilts with the water, so the apparent slope vanishes.

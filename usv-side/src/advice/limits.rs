@@ -53,9 +53,10 @@ impl AdviceConfig {
     }
     fn largest_turn(&self) -> f64 {
         let limit = self.heading_change_deg.to_radians();
-        match self.keep_out_deg.is_empty() {
-            true => limit,
-            false => limit.min(SURE_TURN_RAD),
+        if self.keep_out_deg.is_empty() {
+            limit
+        } else {
+            limit.min(SURE_TURN_RAD)
         }
     }
     fn keeps_out(&self, heading_rad: f64) -> bool {

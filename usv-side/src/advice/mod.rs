@@ -27,7 +27,7 @@ use alight_shared::landing::{
 };
 use alight_shared::motion_model::{MotionModel, MotionSample};
 use alight_shared::msg::{CourseAdvice, SLOPE_STEP, SLOPE_WINDOWS, Seq};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselClock, VesselTime};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
 use serde::Serialize;
@@ -171,11 +171,11 @@ pub struct Advisor {
     drone: DroneGeometry,
     limits: AdviceConfig,
     spectrum: WaveSpectrum,
-    newest: Option<Time<VesselClock>>,
-    stepped: Option<Time<VesselClock>>,
-    sea: Option<(Time<VesselClock>, EstimatedSea)>,
+    newest: Option<VesselTime>,
+    stepped: Option<VesselTime>,
+    sea: Option<(VesselTime, EstimatedSea)>,
     round: Option<Round>,
-    begun: Option<Time<VesselClock>>,
+    begun: Option<VesselTime>,
     outlooks: Vec<CourseOutlook>,
 }
 
@@ -228,7 +228,7 @@ impl Advisor {
     }
 
     /// Adds the newest motion sample, and evaluates one course of a pending round.
-    pub fn step(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
+    pub fn step(&mut self, now: VesselTime, underway: &Underway<'_>) {
         self.resume(now);
         if let Some(sample) = underway.motion.newest() {
             self.observe(sample, underway.velocity);
@@ -242,9 +242,10 @@ impl Advisor {
     }
 
     /// Restarts after a gap in the samples, during which course and wind may have changed.
-    fn resume(&mut self, now: Time<VesselClock>) {
+    fn resume(&mut self, now: VesselTime) {
         if self.stepped.is_some_and(|t| now - t > Span::from_secs(PERIOD_S)) {
-            (self.round, self.begun) = (None, None);
+            self.round = None;
+            self.begun = None;
             self.outlooks.clear();
         }
         self.stepped = Some(now);
@@ -261,9 +262,9 @@ impl Advisor {
         }
     }
 
-    fn begin(&mut self, now: Time<VesselClock>, underway: &Underway<'_>) {
+    fn begin(&mut self, now: VesselTime, underway: &Underway<'_>) {
         self.begun = Some(now);
-        let old = |at: Time<VesselClock>| now - at > Span::from_secs(MAX_SEA_AGE_S);
+        let old = |at: VesselTime| now - at > Span::from_secs(MAX_SEA_AGE_S);
         self.sea = self.sea.take().filter(|(at, _)| !old(*at));
         if self.sea.is_none() || underway.heading_rate.abs() > TURNING_RADPS {
             self.outlooks.clear();
@@ -352,7 +353,8 @@ impl Advisor {
 impl Conditions {
     fn of(underway: &Underway<'_>) -> Conditions {
         let motion = underway.motion;
-        let (spread, whole) = (motion.spread(REACTION_S), motion.deviation());
+        let spread = motion.spread(REACTION_S);
+        let whole = motion.deviation();
         let part = |a: f64, b: f64| {
             let part = a / b;
             // Without motion there is nothing to predict.

@@ -1,5 +1,6 @@
 //! Advice in seas of one wave system on a hull that follows it.
 
+use alight_shared::time::Time;
 use alight_shared::vessel_model::DOFS;
 
 use super::*;
@@ -78,7 +79,8 @@ fn sea_by_the_motion_of_a_hull_under_way() {
             sea.towards
         );
         let all: f64 = sea.waves.iter().map(|w| w.variance).sum();
-        let (truth, mean) = (0.5 * (0.16 + 0.04 + 0.04), |w: f64| (w - 1.2).abs());
+        let truth = 0.5 * (0.16 + 0.04 + 0.04);
+        let mean = |w: f64| (w - 1.2).abs();
         assert!(
             (all / truth - 1.0).abs() < 0.3,
             "{heading} {speed}: {all} of {truth}"

@@ -163,8 +163,10 @@ impl WaveSpectrum {
     fn course(&self) -> Option<(f64, Vector2<f64>)> {
         let n = self.record.len() as f64;
         let first = self.record.front().map_or(0.0, |r| r.0.mean_heading);
-        let (mut turned, mut speeds) = ([0.0_f64; 2], [f64::INFINITY, f64::NEG_INFINITY]);
-        let (mut sum, mut velocity) = (0.0, Vector2::zeros());
+        let mut turned = [0.0_f64; 2];
+        let mut speeds = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut sum = 0.0;
+        let mut velocity = Vector2::zeros();
         let extend = |[low, high]: [f64; 2], x: f64| [low.min(x), high.max(x)];
         for (s, v) in &self.record {
             let off = wrap_angle(s.mean_heading - first);
@@ -210,7 +212,9 @@ impl WaveSpectrum {
         let n = self.record.len() as f64;
         let mut means = [0.0; 6];
         for (s, _) in &self.record {
-            means.iter_mut().zip(s.value).for_each(|(m, v)| *m += v / n);
+            for (m, v) in means.iter_mut().zip(s.value) {
+                *m += v / n;
+            }
         }
         let w = frequency(bin);
         let mut x = [Complex::new(0.0, 0.0); 6];
@@ -301,20 +305,22 @@ impl WaveSpectrum {
             }));
         }
         let total: f64 = waves.iter().map(|w| w.variance).sum();
-        let (mut modelled, mut heaves) = (Powers::default(), 0.0);
+        let mut modelled = Powers::default();
+        let mut heaves = 0.0;
         for w in &mut waves {
             w.variance /= total;
             let e = Encounter::of(w.omega, w.towards, heading, speed_mps);
             let motion = hull.motion(&e);
             heaves += w.variance * motion.heave.norm_sqr();
             let powers = motion.powers(e.met, &self.deck);
-            modelled
-                .iter_mut()
-                .zip(powers)
-                .for_each(|(m, p)| *m += w.variance * p);
+            for (m, p) in modelled.iter_mut().zip(powers) {
+                *m += w.variance * p;
+            }
         }
         let variance = bin.heave / heaves.max(MIN_RESPONSE);
-        waves.iter_mut().for_each(|w| w.variance *= variance);
+        for w in &mut waves {
+            w.variance *= variance;
+        }
         (waves, modelled.map(|m| m * variance))
     }
 }

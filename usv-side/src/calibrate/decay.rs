@@ -92,7 +92,9 @@ fn impulses(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
             k += 1;
             continue;
         }
-        let (mut peak, mut last, mut j) = (k, k, k);
+        let mut peak = k;
+        let mut last = k;
+        let mut j = k;
         while j < n && time(j) - time(last) < rest_s {
             if size(j) > size(peak) {
                 peak = j;
@@ -120,14 +122,16 @@ fn impulses(signal: &DecaySignal, rest_s: f64) -> (Vec<DecaySamples>, f64) {
 }
 
 fn basis(order: DecayOrder, p: Vector2<f64>, t: &[f64]) -> DMatrix<f64> {
-    let (a, b) = (p.x.exp(), p.y.exp());
+    let a = p.x.exp();
+    let b = p.y.exp();
     match order {
         DecayOrder::Free => DMatrix::from_fn(t.len(), 2, |r, c| if c == 0 { (-a * t[r]).exp() } else { 1.0 }),
         DecayOrder::Stiff => {
             let d = b - 0.25 * a * a;
             let w = d.abs().sqrt().max(1e-6);
             DMatrix::from_fn(t.len(), 3, |r, c| {
-                let (x, fall) = (w * t[r], -0.5 * a * t[r]);
+                let x = w * t[r];
+                let fall = -0.5 * a * t[r];
                 match (c, d > 0.0) {
                     (0, true) => fall.exp() * x.cos(),
                     (1, true) => fall.exp() * x.sin() / w,
@@ -167,10 +171,8 @@ fn cost(r: &[DVector<f64>]) -> f64 {
 fn slopes(order: DecayOrder, p: Vector2<f64>, impulses: &[&DecaySamples]) -> Option<[Vec<DVector<f64>>; 2]> {
     const H: f64 = 1e-4;
     let along = |e: Vector2<f64>| -> Option<Vec<DVector<f64>>> {
-        let (up, down) = (
-            residuals(order, p + e, impulses)?,
-            residuals(order, p - e, impulses)?,
-        );
+        let up = residuals(order, p + e, impulses)?;
+        let down = residuals(order, p - e, impulses)?;
         Some(up.iter().zip(&down).map(|(u, d)| (u - d) / (2.0 * H)).collect())
     };
     Some([along(Vector2::new(H, 0.0))?, along(Vector2::new(0.0, H))?])
@@ -214,7 +216,8 @@ fn fit(order: DecayOrder, impulses: &[&DecaySamples]) -> Option<Vector2<f64>> {
     }
     let mut damp = 1e-3;
     for _ in 0..ITERATIONS {
-        let (r, j) = (residuals(order, p, impulses)?, slopes(order, p, impulses)?);
+        let r = residuals(order, p, impulses)?;
+        let j = slopes(order, p, impulses)?;
         let (h, g) = normal(&j, &r, order);
         let lifted = h + Matrix2::from_diagonal(&h.diagonal()) * damp;
         let step = lifted.try_inverse()? * -g;
@@ -222,7 +225,9 @@ fn fit(order: DecayOrder, impulses: &[&DecaySamples]) -> Option<Vector2<f64>> {
         let cn = cost_at(next);
         if cn < c {
             let done = step.norm() < 1e-9 || c - cn < 1e-12 * c;
-            (c, p, damp) = (cn, next, (damp * 0.3_f64).max(1e-12));
+            c = cn;
+            p = next;
+            damp = (damp * 0.3_f64).max(1e-12);
             if done {
                 break;
             }
@@ -239,7 +244,8 @@ fn fit(order: DecayOrder, impulses: &[&DecaySamples]) -> Option<Vector2<f64>> {
 /// Covariance of the logarithms, with correlated residuals weighted accordingly (Newey and West 1987, over a quarter of
 /// a push), but at least that of independent residuals.
 fn covariance(order: DecayOrder, p: Vector2<f64>, impulses: &[&DecaySamples]) -> Option<Matrix2<f64>> {
-    let (r, j) = (residuals(order, p, impulses)?, slopes(order, p, impulses)?);
+    let r = residuals(order, p, impulses)?;
+    let j = slopes(order, p, impulses)?;
     let (h, _) = normal(&j, &r, order);
     let bread = h.try_inverse()?;
     let n: usize = r.iter().map(DVector::len).sum();
@@ -291,7 +297,8 @@ pub fn identify(order: DecayOrder, signal: &DecaySignal) -> Result<Decay, NotObs
     let p = fit(order, &every).ok_or(NotObservable::Vague)?;
     let explained = |p: Vector2<f64>, push: &DecaySamples| {
         residual(order, p, push).map_or(0.0, |r| {
-            let (mean, noise) = (push.y.mean(), push.spread.powi(2) * r.len() as f64);
+            let mean = push.y.mean();
+            let noise = push.spread.powi(2) * r.len() as f64;
             // The fit does not have to explain sensor noise.
             let rest = (r.norm_squared() - noise).max(0.0);
             1.0 - rest / push.y.map(|v| v - mean).norm_squared().max(1e-300)

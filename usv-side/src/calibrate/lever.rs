@@ -74,7 +74,9 @@ impl Lever {
             self.close();
         }
         if self.window.is_empty() {
-            (self.run, self.velocity, self.reached) = (m.run, Vector3::zeros(), k);
+            self.run = m.run;
+            self.velocity = Vector3::zeros();
+            self.reached = k;
         }
         for pair in states.get(self.reached..=k).unwrap_or_default().windows(2) {
             let [a, b] = pair else { continue };
@@ -105,8 +107,10 @@ impl Lever {
             .map(|r| (r.t_s - middle).powi(2))
             .sum::<f64>()
             .max(1e-9);
-        let (mut y0, mut y1) = (Vector3::zeros(), Vector3::zeros());
-        let (mut x0, mut x1) = (Matrix3::zeros(), Matrix3::zeros());
+        let mut y0 = Vector3::zeros();
+        let mut y1 = Vector3::zeros();
+        let mut x0 = Matrix3::zeros();
+        let mut x1 = Matrix3::zeros();
         for r in &rows {
             let s = (r.t_s - middle) / across;
             y0 += r.y / n;
@@ -114,10 +118,13 @@ impl Lever {
             y1 += r.y * s;
             x1 += r.x * s;
         }
-        let (mut h, mut g, mut yy) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        let mut h = Matrix3::zeros();
+        let mut g = Vector3::zeros();
+        let mut yy = 0.0;
         for r in &rows {
             let s = r.t_s - middle;
-            let (x, y) = (r.x - x0 - x1 * s, r.y - y0 - y1 * s);
+            let x = r.x - x0 - x1 * s;
+            let y = r.y - y0 - y1 * s;
             h += x.transpose() * x;
             g += x.transpose() * y;
             yy += y.norm_squared();

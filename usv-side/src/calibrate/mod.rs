@@ -69,9 +69,15 @@ fn push<M: Message + Copy>(to: &mut Vec<M>, m: &M) {
 
 impl Record {
     pub fn add(&mut self, readings: &Readings) {
-        readings.imu.iter().for_each(|m| push(&mut self.imu, m));
-        readings.gnss.iter().for_each(|m| push(&mut self.gnss, m));
-        readings.heading.iter().for_each(|m| push(&mut self.heading, m));
+        for m in &readings.imu {
+            push(&mut self.imu, m);
+        }
+        for m in &readings.gnss {
+            push(&mut self.gnss, m);
+        }
+        for m in &readings.heading {
+            push(&mut self.heading, m);
+        }
     }
 
     pub fn identify(&self, config: &VesselNodeConfig) -> VesselCalibration {
@@ -82,7 +88,9 @@ impl Record {
             (_, _) => 0.0,
         };
         let mut lever = Lever::default();
-        self.gnss.iter().for_each(|fix| lever.fix(fix, &states));
+        for fix in &self.gnss {
+            lever.fix(fix, &states);
+        }
         let imu = config.imu.lever_arm_m;
         let antenna_m = lever.identify().map(|apart| {
             core::array::from_fn(|i| ValueWithSd {
@@ -257,7 +265,8 @@ mod tests {
                 + Vector3::new(0.5, 0.0, 0.3 * (1.3 * t).cos())
         };
         for k in 0..12_000_usize {
-            let (t, h) = (10.0 + k as f64 * 0.01, 1e-4);
+            let t = 10.0 + k as f64 * 0.01;
+            let h = 1e-4;
             let header = Header::new(1, 0, 1, k as u32, Time::from_secs(t));
             let rates = (attitude(t - h).inverse() * attitude(t + h)).scaled_axis() / (2.0 * h);
             let acceleration = (velocity(t + h, &imu) - velocity(t - h, &imu)) / (2.0 * h);

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use alight_shared::msg::{CrewOrder, DeckOrder, MAX_ORDERS, Seq};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::VesselTime;
 use alight_shared::topics;
 
 use super::VesselEvent;
@@ -16,7 +16,7 @@ impl CrewOrders {
     /// Orders accepted now, and events for those that are too late, because the situation may have changed.
     pub(super) fn take(
         &mut self,
-        now: Time<VesselClock>,
+        now: VesselTime,
         orders: &[CrewOrder],
         events: &mut Vec<VesselEvent>,
     ) -> Vec<DeckOrder> {
@@ -47,10 +47,12 @@ impl CrewOrders {
 mod tests {
     use super::*;
     use alight_shared::msg::Header;
+    use alight_shared::time::Time;
 
     #[test]
     fn crew_orders_taken_once_and_in_time() {
-        let (mut orders, mut events) = (CrewOrders::default(), Vec::new());
+        let mut orders = CrewOrders::default();
+        let mut events = Vec::new();
         let given = |boot, at_s| CrewOrder {
             header: Header::new(1, 0, boot, 0, Time::from_secs(at_s)),
             order: DeckOrder::Closed,

@@ -1,7 +1,11 @@
 use super::*;
 use crate::fixtures::rtcm_frame;
 use alight_shared::msg::{CommandKind, DeckOrder, Header, Reason, ReasonCode, State, TimeRequest};
+use alight_shared::time::Time;
 
+fn computer() -> VesselComputer {
+    VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9)
+}
 fn status(boot: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
     let message = DroneStatus {
         header: Header::new(1, 3, boot, sequence, Time::EPOCH),
@@ -24,7 +28,7 @@ fn events(computer: &mut VesselComputer, t_s: f64, input: ComputerIn) -> Vec<Str
 
 #[test]
 fn vessel_computer_changes() {
-    let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
+    let mut computer = computer();
     let mut received = |t_s, statuses| {
         let input = ComputerIn {
             statuses,
@@ -56,7 +60,7 @@ fn vessel_computer_changes() {
 
 #[test]
 fn status_with_an_old_mission_state() {
-    let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
+    let mut computer = computer();
     let mut received = |t_s: f64, status: Arrival<VesselClock, DroneStatus>| {
         let input = ComputerIn {
             statuses: vec![status],
@@ -88,7 +92,7 @@ fn status_with_an_old_mission_state() {
 /// Drones follow the boot of the vessel's main process, not that of its sensor process.
 #[test]
 fn frames_of_a_base_with_the_computers_boot() {
-    let mut computer = VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9);
+    let mut computer = computer();
     let now = Time::from_secs(2.0);
     let frame = RtcmFrames {
         header: Header::new(1, 0, 77, 5, now),

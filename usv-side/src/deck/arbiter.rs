@@ -37,7 +37,7 @@ use alight_shared::msg::{
     PLACES, STATION_APART_M, SilentDrone, Starved, State,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock, VesselTime};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
@@ -101,10 +101,10 @@ pub struct DeckArbiter {
     switch: Option<Reading>,
     sensor: Option<Reading>,
     course: StatedCourse,
-    began: Option<Time<VesselClock>>,
+    began: Option<VesselTime>,
     /// Time at which the previous owner last gave way.
-    vacated: Option<Time<VesselClock>>,
-    due: Time<VesselClock>,
+    vacated: Option<VesselTime>,
+    due: VesselTime,
     rejected: u64,
 }
 
@@ -122,14 +122,14 @@ impl DeckArbiter {
         self.owner
     }
     /// Drone that was descending in its newest status, if that is no older than a descent lasts.
-    pub fn landing(&self, now: Time<VesselClock>) -> Option<u32> {
+    pub fn landing(&self, now: VesselTime) -> Option<u32> {
         let landing = |d: &&Drone| {
             d.claim == Claim::Landing && (now - d.received).secs() <= self.config.status_timeout_s
         };
         self.drones.iter().find(landing).map(|d| d.header.drone)
     }
     /// Reason why the deck is closed; orders take precedence over inputs.
-    pub fn closed(&self, now: Time<VesselClock>) -> Option<Closure> {
+    pub fn closed(&self, now: VesselTime) -> Option<Closure> {
         let switch = Reading::active(self.switch, !self.config.crew_switch.is_empty(), now);
         let foreign = || self.sensed(now) && !self.drones.iter().any(|d| d.may_stand(now));
         self.closed
@@ -137,18 +137,18 @@ impl DeckArbiter {
             .or_else(|| foreign().then_some(Closure::Sensor))
     }
     /// Whether the sensor fails to confirm that the deck is clear.
-    fn sensed(&self, now: Time<VesselClock>) -> bool {
+    fn sensed(&self, now: VesselTime) -> bool {
         Reading::active(self.sensor, !self.config.occupancy_sensor.is_empty(), now)
     }
-    pub fn course(&self, now: Time<VesselClock>) -> Course {
+    pub fn course(&self, now: VesselTime) -> Course {
         self.course.at(now, &self.config)
     }
     /// Whether a drone descends or waits for a steady course, or is silent and may still be descending.
-    pub fn wants_steady(&self, now: Time<VesselClock>) -> bool {
+    pub fn wants_steady(&self, now: VesselTime) -> bool {
         let lasts = |d: &Drone| (now - d.received).secs() <= self.config.status_timeout_s;
         self.drones.iter().any(|d| d.wants_steady && lasts(d))
     }
-    pub fn owner_age_s(&self, now: Time<VesselClock>) -> Option<f64> {
+    pub fn owner_age_s(&self, now: VesselTime) -> Option<f64> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         Some((now - owner.received).secs())
     }
@@ -170,7 +170,7 @@ impl DeckArbiter {
         self.drones.iter().filter(unplaced).map(|d| d.header.drone)
     }
     /// Alarm: a drone with a low battery waits for an owner that is silent or stands on the deck.
-    pub fn starved(&self, now: Time<VesselClock>) -> Option<Starved> {
+    pub fn starved(&self, now: VesselTime) -> Option<Starved> {
         let owner = self.drones.iter().find(|d| self.owner == Some(d.header.drone))?;
         let silent_s = (now - owner.received).secs();
         // After this time, any manoeuvre that the owner had begun has ended.
@@ -196,7 +196,7 @@ impl DeckArbiter {
         })
     }
     /// Silent drones that may be descending. They keep the deck if an order to open it does not name them.
-    pub fn silent_drones(&self, now: Time<VesselClock>) -> impl Iterator<Item = SilentDrone> {
+    pub fn silent_drones(&self, now: VesselTime) -> impl Iterator<Item = SilentDrone> {
         let timeout_s = self.config.status_timeout_s;
         let may_descend = move |d: &&Drone| {
             let holds = d.claim >= Claim::Landing || d.inside || self.owner == Some(d.header.drone);
@@ -228,14 +228,15 @@ impl DeckArbiter {
         }
     }
 
-    fn restore(&mut self, now: Time<VesselClock>, checkpoint: &DeckCheckpoint) {
-        (self.owner, self.closed) = (checkpoint.owner, checkpoint.closed);
+    fn restore(&mut self, now: VesselTime, checkpoint: &DeckCheckpoint) {
+        self.owner = checkpoint.owner;
+        self.closed = checkpoint.closed;
         let claims = checkpoint.claims.iter().take(MAX_DRONES);
         let drones = claims.map(|c| Drone::restored(c, self.vessel, checkpoint.owner, now));
         self.drones = drones.collect();
     }
 
-    fn observe(&mut self, now: Time<VesselClock>, status: &DroneStatus) {
+    fn observe(&mut self, now: VesselTime, status: &DroneStatus) {
         let h = &status.header;
         let index = self.drones.iter().position(|d| d.header.drone == h.drone);
         let named = h.vessel == self.vessel && h.drone != 0 && h.drone != DECK_CLOSED;
@@ -265,7 +266,7 @@ impl DeckArbiter {
     }
 
     /// State of the drone after an admitted status, without the rival sender.
-    fn updated(&mut self, now: Time<VesselClock>, status: &DroneStatus, before: Option<Drone>) -> Drone {
+    fn updated(&mut self, now: VesselTime, status: &DroneStatus, before: Option<Drone>) -> Drone {
         let h = &status.header;
         let former = before.map_or(Claim::Away, |d| d.claim);
         let begins = before.is_none_or(|d| d.header.boot != h.boot);
@@ -325,7 +326,7 @@ impl DeckArbiter {
         }
     }
 
-    fn apply(&mut self, now: Time<VesselClock>, order: DeckOrder) {
+    fn apply(&mut self, now: VesselTime, order: DeckOrder) {
         match order {
             DeckOrder::Steady(for_s) => self.course.order_steady(now, for_s),
             DeckOrder::Turning => self.course.order_turning(),
@@ -338,7 +339,7 @@ impl DeckArbiter {
     }
 
     /// Applies the crew's report that nothing lies on the deck, and that `named` is neither on it nor above it.
-    fn open(&mut self, now: Time<VesselClock>, named: Option<u32>) {
+    fn open(&mut self, now: VesselTime, named: Option<u32>) {
         self.closed = None;
         let timeout_s = self.config.status_timeout_s;
         let ends = |d: &Drone| d.ends_by_a_look(now, timeout_s) || named == Some(d.header.drone);
@@ -349,21 +350,23 @@ impl DeckArbiter {
             d.unplaced = false;
             if !d.is_fresh(now) {
                 if ends(d) {
-                    (d.claim, d.inside) = (Claim::Away, false);
+                    d.claim = Claim::Away;
+                    d.inside = false;
                 }
             } else if !d.at_deck && (d.claim >= Claim::Landing || named == Some(d.header.drone)) {
                 // Both the drone and the crew report that it is not on the deck.
-                (d.claim, d.inside) = (Claim::Away, d.inside && d.flies);
+                d.claim = Claim::Away;
+                d.inside = d.inside && d.flies;
             }
         }
     }
 
     /// Whether the previous owner may not know yet that it has lost the deck.
-    fn may_be_unknown(&self, now: Time<VesselClock>) -> bool {
+    fn may_be_unknown(&self, now: VesselTime) -> bool {
         self.vacated.is_some_and(|t| now - t <= topics::DECK.stale_after)
     }
 
-    fn assign(&mut self, now: Time<VesselClock>) -> Option<u32> {
+    fn assign(&mut self, now: VesselTime) -> Option<u32> {
         let c = &self.config;
         for d in &mut self.drones {
             d.rival = d.rival.filter(|r| now - r.received < RIVAL_TIMEOUT);
@@ -375,7 +378,8 @@ impl DeckArbiter {
             let holds = owns(d) || remembered || d.place.is_some();
             holds || (now - d.received).secs() <= c.status_timeout_s
         });
-        let (drones, open) = (|| self.drones.iter(), self.closed(now).is_none());
+        let drones = || self.drones.iter();
+        let open = self.closed(now).is_none();
         // Facts take precedence: a drone on the deck or in descent owns it. The present owner comes first.
         let fact = drones()
             .filter(|d| d.claim >= Claim::Landing)
@@ -412,7 +416,7 @@ impl DeckArbiter {
     }
 
     /// Whether another drone requests the deck while its owner stands on it.
-    fn is_wanted(&self, now: Time<VesselClock>) -> bool {
+    fn is_wanted(&self, now: VesselTime) -> bool {
         let owns = |d: &Drone| self.owner == Some(d.header.drone);
         let stands = self.drones.iter().any(|d| owns(d) && d.claim == Claim::OnDeck);
         let asks = |d: &Drone| d.claim == Claim::Requesting && d.flies && d.is_fresh(now) && !owns(d);
@@ -420,7 +424,7 @@ impl DeckArbiter {
     }
 
     /// Owner as published in the grant.
-    fn published(&self, now: Time<VesselClock>) -> u32 {
+    fn published(&self, now: VesselTime) -> u32 {
         let double = |id: u32| self.drones.iter().any(|d| d.header.drone == id && d.is_double());
         match self.owner {
             _ if self.closed(now).is_some() => DECK_CLOSED,
@@ -431,7 +435,7 @@ impl DeckArbiter {
     }
     /// Heights of the stations at the waiting places, m; 0: no station, or another station has the same
     /// height. A silent drone keeps its station for the ordered time.
-    fn stations(&self, now: Time<VesselClock>) -> [u8; PLACES] {
+    fn stations(&self, now: VesselTime) -> [u8; PLACES] {
         let keeps = |d: &Drone| {
             let (station, since) = d.station?;
             let lasts = (now - d.received).secs() <= 60.0 * f64::from(station.for_min);
@@ -452,7 +456,7 @@ impl DeckArbiter {
         }
         heights
     }
-    fn occupied(&self, now: Time<VesselClock>) -> bool {
+    fn occupied(&self, now: VesselTime) -> bool {
         let stands = |d: &Drone| {
             d.claim == Claim::OnDeck
                 || d.claim == Claim::Landing && (now - d.received).secs() > self.config.status_timeout_s
@@ -466,7 +470,7 @@ impl Node for DeckArbiter {
     type In = ArbiterIn;
     type Out = ArbiterOut;
 
-    fn step(&mut self, now: Time<VesselClock>, input: &ArbiterIn) -> ArbiterOut {
+    fn step(&mut self, now: VesselTime, input: &ArbiterIn) -> ArbiterOut {
         if let Some(checkpoint) = input.checkpoint.as_ref().filter(|_| self.began.is_none()) {
             self.restore(now, checkpoint);
         }
@@ -495,14 +499,14 @@ impl Node for DeckArbiter {
                 // A previous owner that missed this grant may approach until it reports from far away.
                 let former = self.owner;
                 let gives_way = |d: &&mut Drone| Some(d.header.drone) == former && d.claim > Claim::Away;
-                self.drones
-                    .iter_mut()
-                    .filter(gives_way)
-                    .for_each(|d| d.inside = true);
+                for d in self.drones.iter_mut().filter(gives_way) {
+                    d.inside = true;
+                }
             }
             self.owner = owner;
         }
-        let (published, course) = (self.published(now), self.course(now));
+        let published = self.published(now);
+        let course = self.course(now);
         let take_off = self.clears_take_off(now);
         let stations = self.stations(now);
         let same = (published, take_off, stations) == (self.published, self.take_off, self.stations)
@@ -510,7 +514,9 @@ impl Node for DeckArbiter {
         if now < self.due && same {
             return ArbiterOut::default();
         }
-        (self.published, self.stated, self.take_off) = (published, course, take_off);
+        self.published = published;
+        self.stated = course;
+        self.take_off = take_off;
         self.stations = stations;
         self.due = now + PERIOD;
         self.sequence = self.sequence.wrapping_add(1);

@@ -1,4 +1,4 @@
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 use serde::{Deserialize, Serialize};
 
 /// Age after which an input counts as unread: four periods.
@@ -16,12 +16,12 @@ pub struct DeckInputs {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reading {
     pub(super) level: bool,
-    pub(super) at: Time<VesselClock>,
+    pub(super) at: VesselTime,
 }
 
 impl Reading {
     /// Whether a configured input is active, or has not been read for too long.
-    pub(super) fn active(newest: Option<Reading>, configured: bool, now: Time<VesselClock>) -> bool {
+    pub(super) fn active(newest: Option<Reading>, configured: bool, now: VesselTime) -> bool {
         configured && newest.is_none_or(|r| r.level || now - r.at > FRESH)
     }
 }

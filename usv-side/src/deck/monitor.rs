@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use alight_shared::admission::{Arrival, check_message};
 use alight_shared::msg::DroneStatus;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{VesselClock, VesselTime};
 use nalgebra::Vector2;
 
 use super::MAX_DRONES;
@@ -67,7 +67,7 @@ impl DroneMonitor {
         self.drones.get(&self.newest?)
     }
     /// True wind towards NED, m/s, from the newest status that has one and is no older than [`MAX_WIND_AGE_S`].
-    pub fn wind(&self, now: Time<VesselClock>) -> Option<Vector2<f64>> {
+    pub fn wind(&self, now: VesselTime) -> Option<Vector2<f64>> {
         let recent = |s: &&Arrival<VesselClock, DroneStatus>| (now - s.at).secs() <= MAX_WIND_AGE_S;
         let known = self
             .statuses()

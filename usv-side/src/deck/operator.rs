@@ -24,7 +24,7 @@ use alight_shared::msg::{
     CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand,
 };
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselClock, VesselTime};
 use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
@@ -129,7 +129,7 @@ impl OperatorRelay {
         self.commands.iter().map(given).collect()
     }
 
-    fn restore(&mut self, now: Time<VesselClock>, given: &[GivenCommand]) {
+    fn restore(&mut self, now: VesselTime, given: &[GivenCommand]) {
         let admitted = |g: &&GivenCommand| self.admitted.contains(&g.command.header.drone);
         let given: Vec<_> = given.iter().filter(admitted).take(MAX_COMMANDS).collect();
         for before in given {
@@ -169,10 +169,11 @@ impl OperatorRelay {
     /// Accepts an operator's command, or returns the reason for rejecting it.
     fn accept(
         &mut self,
-        now: Time<VesselClock>,
+        now: VesselTime,
         arrival: &Arrival<VesselClock, OperatorCommand<VesselClock>>,
     ) -> Result<(), RejectionReason> {
-        let (operator, command) = (arrival.sender, &arrival.message);
+        let operator = arrival.sender;
+        let command = &arrival.message;
         let h = &command.header;
         if self.commands.iter().any(|c| c.is_of(operator, h)) {
             return Err(RejectionReason::Duplicate);
@@ -202,7 +203,7 @@ impl OperatorRelay {
     /// Receipts for commands whose progress has changed, and for commands just sent by an operator.
     fn answer(
         &mut self,
-        now: Time<VesselClock>,
+        now: VesselTime,
         before: &[(Sender, Header<VesselClock>, CommandProgress)],
         sent: &[Arrival<VesselClock, OperatorCommand<VesselClock>>],
     ) -> Vec<CommandReceipt> {
@@ -241,7 +242,7 @@ impl Node for OperatorRelay {
     type In = OperatorIn;
     type Out = OperatorOut;
 
-    fn step(&mut self, now: Time<VesselClock>, input: &OperatorIn) -> OperatorOut {
+    fn step(&mut self, now: VesselTime, input: &OperatorIn) -> OperatorOut {
         self.restore(now, &input.given);
         let standing = |c: &Relayed| (c.operator, c.given.message.header, c.progress);
         let before: Vec<_> = self.commands.iter().map(standing).collect();
@@ -265,7 +266,8 @@ impl Node for OperatorRelay {
                 c.progress = CommandProgress::GivenUp;
             } else if let Some(command) = c.given.due(now) {
                 self.sequence = self.sequence.wrapping_add(1);
-                let (drone, at) = (c.drone(), command.header.at);
+                let drone = c.drone();
+                let at = command.header.at;
                 out.commands.push(OperatorCommand {
                     header: Header::new(self.vessel, drone, self.boot, self.sequence, at),
                     kind: command.kind,

@@ -1,7 +1,7 @@
 //! Course and speed as stated by the helm's switch, and by orders from a terminal on board.
 
 use alight_shared::msg::{Course, MAX_STEADY_S};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 
 use super::config::DeckConfig;
 use super::inputs::Reading;
@@ -10,7 +10,7 @@ use super::inputs::Reading;
 enum Ordered {
     #[default]
     Nothing,
-    SteadyUntil(Time<VesselClock>),
+    SteadyUntil(VesselTime),
     Turning,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct StatedCourse {
 
 impl StatedCourse {
     /// States that course and speed are kept for `for_s` seconds; 0 withdraws the statement.
-    pub(super) fn order_steady(&mut self, now: Time<VesselClock>, for_s: u32) {
+    pub(super) fn order_steady(&mut self, now: VesselTime, for_s: u32) {
         let for_s = f64::from(for_s).min(f64::from(MAX_STEADY_S));
         self.ordered = Ordered::SteadyUntil(now + Span::from_secs(for_s));
     }
@@ -32,7 +32,7 @@ impl StatedCourse {
         self.ordered = Ordered::Turning;
     }
     /// Course at `now`: a turn stated by either source, otherwise the longest promise.
-    pub(super) fn at(&self, now: Time<VesselClock>, config: &DeckConfig) -> Course {
+    pub(super) fn at(&self, now: VesselTime, config: &DeckConfig) -> Course {
         let has_switch = !config.helm_switch.is_empty();
         if self.ordered == Ordered::Turning || Reading::active(self.switch, has_switch, now) {
             return Course::Turning;

@@ -6,7 +6,7 @@
 //! Under such motion an accelerometer carries less information on tilt. The larger disturbance in surge and sway
 //! accounts for this: the gyroscope then determines the tilt.
 
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 use alight_shared::vessel_model::VesselModelConfig;
 
 /// Time constant of the mean innovation, s (our choice: several periods of a fast platform).
@@ -31,11 +31,11 @@ pub(crate) struct AdaptiveNoise {
     wanted: [f64; 6],
     /// Factor used by the current model, as a logarithm.
     built: [f64; 6],
-    next: Time<VesselClock>,
+    next: VesselTime,
 }
 
 impl AdaptiveNoise {
-    pub(crate) fn new(at: Time<VesselClock>) -> Self {
+    pub(crate) fn new(at: VesselTime) -> Self {
         AdaptiveNoise {
             mean: [1.0; 6],
             wanted: [0.0; 6],
@@ -54,7 +54,7 @@ impl AdaptiveNoise {
     }
 
     /// Updates the factors when due. Returns whether the model must be rebuilt by [`AdaptiveNoise::adapted`].
-    pub(crate) fn is_rebuild_due(&mut self, at: Time<VesselClock>) -> bool {
+    pub(crate) fn is_rebuild_due(&mut self, at: VesselTime) -> bool {
         if at < self.next {
             return false;
         }
@@ -102,6 +102,7 @@ impl AdaptiveNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     fn after(nis: f64, seconds: f64) -> AdaptiveNoise {
         let mut u = AdaptiveNoise::new(Time::EPOCH);

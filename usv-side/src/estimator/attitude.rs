@@ -2,7 +2,7 @@
 
 use alight_shared::estimation::Update;
 use alight_shared::msg::AttitudeFix;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::VesselTime;
 use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
 use nalgebra::Vector3;
 
@@ -18,7 +18,7 @@ const SILENT_S: f64 = 0.5;
 const RATE_SD: f64 = 0.02;
 
 impl VesselFilter {
-    pub(super) fn has_inertial(&self, at: Time<VesselClock>) -> bool {
+    pub(super) fn has_inertial(&self, at: VesselTime) -> bool {
         self.imu.measured_at.is_some_and(|t| (at - t).secs() < SILENT_S)
     }
 

@@ -5,7 +5,7 @@ use core::f64::consts::FRAC_PI_2;
 use alight_shared::estimation::AidSource;
 use alight_shared::frames::{VesselNed, wrap_angle};
 use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{VesselClock, VesselTime};
 use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
@@ -44,7 +44,7 @@ const REFERENCE_TIMEOUT_S: f64 = 10.0;
 pub(super) struct HeightReference {
     pub(super) sd: f64,
     /// Time of the newest fix with this reference.
-    at: Time<VesselClock>,
+    at: VesselTime,
 }
 
 impl HeightReference {
@@ -134,7 +134,8 @@ impl VesselFilter {
     /// Velocity of a fix (NED, m/s), corrected for the turn of the course during the receiver's lag.
     fn present_velocity(&mut self, fix: &GnssFix, shift: &Vector3<f64>) -> Vector3<f64> {
         let is_measured = |sd: &[f64; 3]| sd[SURGE].max(sd[SWAY]) < NOT_MEASURED_SD;
-        let (at, velocity) = (fix.header.at, Vector3::from(fix.velocity));
+        let at = fix.header.at;
+        let velocity = Vector3::from(fix.velocity);
         let heading = self.reference + self.state_at(at).tilt.heading;
         let Some(lag) = self.velocity_lags.of(fix.source) else {
             return velocity;
@@ -301,7 +302,7 @@ impl VesselFilter {
     /// heading source contradicts this one, and raises the variance of the state (returns true) or of the
     /// compass bias to the squared innovation. The state is assumed wrong without a gyroscope, if the heading
     /// was accepted for less time than rejected, if the innovation grows, or if another source agrees.
-    fn heading_gate(&mut self, source: usize, at: Time<VesselClock>, innovation: f64) -> (f64, bool) {
+    fn heading_gate(&mut self, source: usize, at: VesselTime, innovation: f64) -> (f64, bool) {
         let own = self.headings[source];
         let others = || (self.headings.iter().enumerate()).filter(|(k, _)| *k != source);
         let (lasted_s, drift) = own.contradiction();
@@ -342,13 +343,15 @@ impl VesselFilter {
     }
     /// While the heading is in doubt, separates heading and compass error by the course over ground.
     fn weigh_course(&mut self, config: &VesselNodeConfig) {
-        let (doubt, [north, east]) = (self.heading_doubt(config), self.mean_velocity.into());
+        let doubt = self.heading_doubt(config);
+        let [north, east] = self.mean_velocity.into();
         let apart = wrap_angle(f64::atan2(east, north) - self.mean_heading);
         // The course of a vessel going astern is not usable.
         if doubt < LEEWAY_SD || north.hypot(east) < COURSE_MPS || apart.abs() > FRAC_PI_2 {
             return;
         }
-        let (heading, bias) = (self.belief.get(YAW, ETA), self.belief.get(YAW, COMPASS));
+        let heading = self.belief.get(YAW, ETA);
+        let bias = self.belief.get(YAW, COMPASS);
         let fraction = doubt * doubt / (doubt * doubt + LEEWAY_SD * LEEWAY_SD);
         let by = (fraction * apart).clamp(bias.min(0.0), bias.max(0.0));
         self.belief.set(YAW, ETA, heading + by);

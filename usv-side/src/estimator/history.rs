@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::VesselTime;
 use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
 
 use super::{Tilt, VesselFilter};
@@ -15,7 +15,7 @@ const STEPS: usize = 32;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PastState {
-    at: Time<VesselClock>,
+    at: VesselTime,
     /// Surge, sway, heave, m.
     pub(super) eta: [f64; 3],
     /// Their rates, m/s.
@@ -29,9 +29,10 @@ pub(super) struct History(VecDeque<PastState>);
 
 impl History {
     /// State at a time, interpolated between two steps.
-    fn at(&self, t: Time<VesselClock>) -> Option<PastState> {
+    fn at(&self, t: VesselTime) -> Option<PastState> {
         let k = self.0.partition_point(|s| s.at <= t);
-        let (a, b) = (self.0.get(k.checked_sub(1)?)?, self.0.get(k)?);
+        let a = self.0.get(k.checked_sub(1)?)?;
+        let b = self.0.get(k)?;
         let f = (t - a.at).secs() / (b.at - a.at).secs();
         let mix = |a: f64, b: f64| a + f * (b - a);
         let two = |a: [f64; 2], b: [f64; 2]| core::array::from_fn(|i| mix(a[i], b[i]));
@@ -76,11 +77,12 @@ impl VesselFilter {
         history.push_back(now);
     }
     /// State at `t`: the stored estimate, or the present state rolled back by the model.
-    pub(super) fn state_at(&self, t: Time<VesselClock>) -> PastState {
+    pub(super) fn state_at(&self, t: VesselTime) -> PastState {
         if let Some(state_at) = self.history.at(t) {
             return state_at;
         }
-        let (mut state_at, a) = (self.present(), self.accelerations());
+        let mut state_at = self.present();
+        let a = self.accelerations();
         let late = (self.at - t).secs();
         for d in 0..3 {
             state_at.eta[d] += late * (0.5 * late * a[d] - state_at.nu[d]);
@@ -106,6 +108,7 @@ impl VesselFilter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     #[test]
     fn history_interpolation() {

@@ -164,7 +164,8 @@ impl VesselFilter {
                 (IMPULSE_SD_FRACTION * acceleration / gain).powi(2),
             );
         }
-        let (e, v) = (self.belief.get(dof, ETA), self.belief.get(dof, NU));
+        let e = self.belief.get(dof, ETA);
+        let v = self.belief.get(dof, NU);
         self.belief.set(dof, ETA, e + eta);
         self.belief.set(dof, NU, v + nu);
         self.belief.inflate(dof, NU, (IMPULSE_SD_FRACTION * nu).powi(2));
@@ -177,7 +178,8 @@ impl VesselFilter {
         window: &ImuWindow,
         offset: f64,
     ) -> u64 {
-        let (Samples { gyro, force, n, .. }, apart) = (window.mean(), window.apart());
+        let Samples { gyro, force, n, .. } = window.mean();
+        let apart = window.apart();
         let gate = self.imu.gate(GATE, MAX_REJECTED);
         if gate.is_infinite() {
             self.open();
@@ -284,7 +286,8 @@ mod tests {
             (400, 4),
             (1000, 19),
         ] {
-            let (mut window, period) = (ImuWindow::default(), 1.0 / f64::from(rate_hz));
+            let mut window = ImuWindow::default();
+            let period = 1.0 / f64::from(rate_hz);
             for k in 0..rate_hz / 50 {
                 let gyro = [if k == wild { 2.0 } else { 0.0 }, 0.0, 0.0];
                 let sample = ImuSample {

@@ -22,7 +22,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::Datum;
 use alight_shared::motion_model::{MeasuredErrors, MotionModel};
 use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselClock, VesselTime};
 use alight_shared::vessel_model::{
     Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
     Term, VesselModel, YAW,
@@ -75,7 +75,7 @@ struct Start {
 
 #[derive(Clone, Debug)]
 pub(crate) struct VesselFilter {
-    pub(crate) at: Time<VesselClock>,
+    pub(crate) at: VesselTime,
     pub(crate) belief: Belief,
     pub(crate) model: VesselModel,
     pub(crate) reference: f64,
@@ -99,7 +99,7 @@ pub(crate) struct VesselFilter {
     velocity_lags: velocity_lag::VelocityLags,
     /// Position of the inertial sensor in the vessel's body frame, m.
     imu_lever_arm: Vector3<f64>,
-    started: Time<VesselClock>,
+    started: VesselTime,
     imu: AidSource<VesselClock>,
     attitude: AidSource<VesselClock>,
     fixes: AidSource<VesselClock>,
@@ -267,7 +267,7 @@ impl Estimator {
 
     /// Called once per tick after the measurements: bridges inertial gaps, adapts the process noise,
     /// identifies motion.
-    pub fn tick(&mut self, now: Time<VesselClock>) {
+    pub fn tick(&mut self, now: VesselTime) {
         let Some(f) = self.filter.as_mut() else { return };
         f.adapt(&self.config);
         if !f.measures_gravity(&self.config) && f.motion.newest().is_some() {
@@ -303,11 +303,11 @@ impl Estimator {
         }
     }
 
-    fn try_start(&mut self, at: Time<VesselClock>) {
+    fn try_start(&mut self, at: VesselTime) {
         let (Some(fix), Some(heading)) = (self.start.fix, self.start.heading) else {
             return;
         };
-        let fresh = |t: Time<VesselClock>| (at - t).abs() < Span::from_secs(1.0);
+        let fresh = |t: VesselTime| (at - t).abs() < Span::from_secs(1.0);
         if !fresh(fix.header.at) || !fresh(heading.header.at) {
             return;
         }
@@ -324,7 +324,9 @@ fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
         walk: sd * (2.0 / time_s).sqrt(),
         time_s,
     };
-    let (imu, gnss, heading) = (&config.imu, &config.gnss, &config.heading);
+    let imu = &config.imu;
+    let gnss = &config.gnss;
+    let heading = &config.heading;
     let force = bias(imu.accelerometer_bias_sd_mps2, imu.bias_time_s);
     let gyro = bias(imu.gyro_bias_sd_radps, imu.bias_time_s);
     let compass = bias(heading.bias_sd_deg.to_radians(), heading.bias_time_s);
@@ -352,7 +354,7 @@ fn belief_spec(config: &VesselNodeConfig) -> BeliefSpec {
 }
 
 impl VesselFilter {
-    fn new(config: &VesselNodeConfig, at: Time<VesselClock>, fix: &GnssFix, heading: &HeadingFix) -> Self {
+    fn new(config: &VesselNodeConfig, at: VesselTime, fix: &GnssFix, heading: &HeadingFix) -> Self {
         let model = VesselModel::with_bank(&config.model);
         let reference = heading.heading;
         let mut belief = Belief::new(&model, &belief_spec(config));
@@ -423,7 +425,7 @@ impl VesselFilter {
         self.propagate();
     }
     /// Propagates to within half a step of `to`, by the model alone.
-    fn coast(&mut self, to: Time<VesselClock>) {
+    fn coast(&mut self, to: VesselTime) {
         self.window = Default::default();
         let ahead = (to - self.at).secs();
         let steps = (ahead / STEP_S).round().clamp(0.0, MAX_GAP_S / STEP_S) as u32;
@@ -434,7 +436,7 @@ impl VesselFilter {
     }
 
     /// Time since motion was last measured by the inertial sensor or its replacement, s.
-    pub(crate) fn motion_age(&self, now: Time<VesselClock>) -> f64 {
+    pub(crate) fn motion_age(&self, now: VesselTime) -> f64 {
         let measured = self.imu.measured_at.max(self.attitude.measured_at);
         (now - measured.unwrap_or(self.started)).secs()
     }
@@ -456,7 +458,8 @@ impl VesselFilter {
     fn follow_heading(&mut self) {
         // First-order low-pass (1 s) of the motion outside the modes; before they are known, slow velocity.
         let b = &self.belief;
-        let (velocity, heading) = (self.ned(b.get(SURGE, NU), b.get(SWAY, NU)), b.get(YAW, ETA));
+        let velocity = self.ned(b.get(SURGE, NU), b.get(SWAY, NU));
+        let heading = b.get(YAW, ETA);
         let waves = self.motion.waves(self.at);
         let mean_axes = Rotation2::new(self.mean_heading);
         self.slow.update(velocity, heading, &mean_axes);
@@ -467,7 +470,8 @@ impl VesselFilter {
         let ahead = mean_axes * Vector2::x();
         self.gain.update((mean - self.mean_velocity).dot(&ahead));
         self.mean_velocity += (mean - self.mean_velocity) * STEP_S;
-        let (heading, rate) = (heading - waves.map_or(0.0, |w| w[YAW]), b.get(YAW, NU));
+        let heading = heading - waves.map_or(0.0, |w| w[YAW]);
+        let rate = b.get(YAW, NU);
         self.mean_heading_rate += (rate - self.mean_heading_rate) * STEP_S;
         self.mean_heading += self.mean_heading_rate * STEP_S;
         self.mean_heading += wrap_angle(heading - self.mean_heading) * STEP_S;

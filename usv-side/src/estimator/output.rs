@@ -2,12 +2,11 @@
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::motion_model::{FADE_S, MotionSample};
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, VesselEstimate, VesselPrediction, WaveMode,
-    WaveModel, f16,
+    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, Seq, VesselEstimate, VesselPrediction,
+    WaveMode, WaveModel, f16,
 };
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{VesselClock, VesselTime};
 use alight_shared::vessel_model::{ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
@@ -64,12 +63,14 @@ impl Course<'_> {
     }
     /// Point of the course `ahead` seconds after the modes' time of validity.
     fn at(&self, ahead: f64) -> CoursePoint {
-        let (t, waves) = (ahead - self.since, self.modes.motion(ahead));
+        let t = ahead - self.since;
+        let waves = self.modes.motion(ahead);
         let (way, mean) = self.mean(t);
         // Past residuals are unknown; the present one is assumed.
         let fades = (-t.max(0.0) / FADE_S).exp();
         let gone = t.min(0.0) + FADE_S * (1.0 - fades);
-        let (yaw, mean_heading) = (self.left_yaw * fades, self.mean_heading + self.rate * t);
+        let yaw = self.left_yaw * fades;
+        let mean_heading = self.mean_heading + self.rate * t;
         CoursePoint {
             place: self.place + way + path(self.modes, ahead) - self.moved + self.left * gone,
             velocity: mean + Vector2::new(waves[SURGE][0], waves[SWAY][0]) + self.left * fades,
@@ -106,18 +107,18 @@ impl VesselFilter {
         };
         let [roll, pitch, _] = tilt.euler();
         let rates = tilt.euler_rates();
-        let (p, v, w) = (
-            self.ned(eta[SURGE], eta[SWAY]),
-            self.ned(nu[SURGE], nu[SWAY]),
-            self.ned(a[SURGE], a[SWAY]),
-        );
+        let p = self.ned(eta[SURGE], eta[SWAY]);
+        let v = self.ned(nu[SURGE], nu[SWAY]);
+        let w = self.ned(a[SURGE], a[SWAY]);
         // Rolling back by h: var(eta) grows by 2 h cov + h² var(nu).
         let cov = |d: usize| {
             let [e, c, n] = b.motion_covariance(d);
             [e + 2.0 * h * c + h * h * n, c + h * n, n]
         };
-        let (s2, c2) = (self.reference.sin().powi(2), self.reference.cos().powi(2));
-        let (cs, cw) = (cov(SURGE), cov(SWAY));
+        let s2 = self.reference.sin().powi(2);
+        let c2 = self.reference.cos().powi(2);
+        let cs = cov(SURGE);
+        let cw = cov(SWAY);
         let mix = |p: f64, q: f64| core::array::from_fn(|i| p * cs[i] + q * cw[i]);
         let late =
             |[value, c, rate]: [f64; 3], velocity: f64| [value + (LATENCY_SD_S * velocity).powi(2), c, rate];
@@ -143,7 +144,8 @@ impl VesselFilter {
             eta_dot: [v.x, v.y, nu[HEAVE], rates[0], rates[1], rates[2]].map(|x| x as f32),
             eta_ddot: [w.x, w.y, a[HEAVE], a[ROLL], a[PITCH], a[YAW]].map(f16::from_f64),
             uncertainty: blocks.map(|[value, cov, rate]| {
-                let (value, rate) = (value.max(0.0).sqrt(), rate.max(0.0).sqrt());
+                let value = value.max(0.0).sqrt();
+                let rate = rate.max(0.0).sqrt();
                 let correlation = (cov / (value * rate).max(1e-300)).clamp(-1.0, 1.0);
                 [value, rate, correlation].map(f16::from_f64)
             }),
@@ -261,7 +263,8 @@ impl VesselFilter {
             };
             let [roll, pitch, yaw] = tilt.euler();
             let rates = tilt.euler_rates();
-            let ([x, y], velocity) = ((point.place - begin).into(), point.velocity);
+            let [x, y] = (point.place - begin).into();
+            let velocity = point.velocity;
             let eta = [x, y, m[HEAVE][0] - heave, roll, pitch, yaw];
             let eta_dot = [velocity.x, velocity.y, m[HEAVE][1], rates[0], rates[1], rates[2]];
             PredictedStage {
@@ -364,7 +367,7 @@ impl VesselFilter {
     }
 
     /// Whether the state is recent and finite, and the accelerometer works.
-    pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: Time<VesselClock>) -> bool {
+    pub(crate) fn can_publish(&self, config: &VesselNodeConfig, now: VesselTime) -> bool {
         self.motion_age(now) <= config.imu.timeout_s
             && self.measures_gravity(config)
             && self.belief.variance(YAW, NU).is_finite()

@@ -17,7 +17,8 @@ fn normal([roll, pitch]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(pitch.sin() * roll.cos(), -roll.sin(), pitch.cos() * roll.cos())
 }
 fn normal_rate([roll, pitch]: [f64; 2], [dr, dp]: [f64; 2]) -> Vector3<f64> {
-    let ((sr, cr), (sp, cp)) = (roll.sin_cos(), pitch.sin_cos());
+    let (sr, cr) = roll.sin_cos();
+    let (sp, cp) = pitch.sin_cos();
     Vector3::new(
         cp * cr * dp - sp * sr * dr,
         -cr * dr,
@@ -87,7 +88,9 @@ mod tests {
             heading: t.heading + h * t.heading_rate,
             ..t
         };
-        let (a, b, d) = (t.euler(), later.euler(), t.euler_rates());
+        let a = t.euler();
+        let b = later.euler();
+        let d = t.euler_rates();
         for i in 0..3 {
             assert!(((b[i] - a[i]) / h - d[i]).abs() < 1e-5, "{i}");
         }

@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::MAX_SOURCES;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 use nalgebra::Vector2;
 
 /// Spacing of the candidate lags, s, up to [`MAX_LAG_S`].
@@ -38,7 +38,7 @@ const MAX_WAITING: usize = 256;
 /// Integral of the velocities up to a time.
 #[derive(Clone, Copy, Debug)]
 struct Travelled {
-    at: Time<VesselClock>,
+    at: VesselTime,
     velocity: Vector2<f64>,
     path: Vector2<f64>,
     heading: f64,
@@ -56,7 +56,7 @@ impl VelocityLags {
 /// Velocity lag of one receiver, measured from its fixes.
 #[derive(Clone, Debug)]
 pub(super) struct VelocityLag {
-    positions: VecDeque<(Time<VesselClock>, Vector2<f64>)>,
+    positions: VecDeque<(VesselTime, Vector2<f64>)>,
     travelled: VecDeque<Travelled>,
     squares: [f64; LAGS],
     pairs: f64,
@@ -77,7 +77,7 @@ impl Default for VelocityLag {
 
 impl VelocityLag {
     /// Adds a position, north and east, m.
-    pub(super) fn position(&mut self, at: Time<VesselClock>, place: Vector2<f64>) {
+    pub(super) fn position(&mut self, at: VesselTime, place: Vector2<f64>) {
         if let Some((last, _)) = self.positions.back() {
             let apart = (at - *last).secs();
             if apart < PAIR_S {
@@ -91,7 +91,7 @@ impl VelocityLag {
     }
     /// Adds a velocity (north, east, m/s) at the vessel's `heading`, rad. Returns the change of heading since
     /// the velocity was valid, rad; zero if it is not newer than the last.
-    pub(super) fn velocity(&mut self, at: Time<VesselClock>, velocity: Vector2<f64>, heading: f64) -> f64 {
+    pub(super) fn velocity(&mut self, at: VesselTime, velocity: Vector2<f64>, heading: f64) -> f64 {
         let path = match self.travelled.back() {
             Some(last) if at <= last.at => return 0.0,
             Some(last) if (at - last.at).secs() < GAP_S => {
@@ -115,9 +115,10 @@ impl VelocityLag {
         self.turned_since()
     }
     /// Compares the pairs of positions for which all velocities up to `now` have arrived.
-    fn compare(&mut self, now: Time<VesselClock>) {
+    fn compare(&mut self, now: VesselTime) {
         while let (Some(a), Some(b)) = (self.positions.front(), self.positions.get(1)) {
-            let ((from, begin), (to, end)) = (*a, *b);
+            let (from, begin) = *a;
+            let (to, end) = *b;
             if (now - to).secs() < MAX_LAG_S {
                 return;
             }
@@ -134,14 +135,15 @@ impl VelocityLag {
         }
     }
     /// Integral of the velocities up to a time; None outside the record.
-    fn path(&self, at: Time<VesselClock>) -> Option<Vector2<f64>> {
+    fn path(&self, at: VesselTime) -> Option<Vector2<f64>> {
         let (a, b, fraction) = self.around(at)?;
         Some(a.path + fraction * (b.path - a.path))
     }
     /// Velocities before and after a time, and the interpolation weight, 0 to 1.
-    fn around(&self, at: Time<VesselClock>) -> Option<(&Travelled, &Travelled, f64)> {
+    fn around(&self, at: VesselTime) -> Option<(&Travelled, &Travelled, f64)> {
         let k = self.travelled.partition_point(|t| t.at < at).max(1);
-        let (a, b) = (self.travelled.get(k - 1)?, self.travelled.get(k)?);
+        let a = self.travelled.get(k - 1)?;
+        let b = self.travelled.get(k)?;
         let fraction = (at - a.at).secs() / (b.at - a.at).secs();
         (fraction >= 0.0).then_some((a, b, fraction))
     }
@@ -173,7 +175,8 @@ impl VelocityLag {
     }
     /// Lag, s. Zero unless another lag fits significantly better.
     fn lag_s(&self) -> f64 {
-        let (first, rest) = (self.squares[0], self.squares.iter().enumerate());
+        let first = self.squares[0];
+        let rest = self.squares.iter().enumerate();
         let Some((k, smallest)) = rest.min_by(|a, b| a.1.total_cmp(b.1)) else {
             return 0.0;
         };
@@ -189,6 +192,7 @@ impl VelocityLag {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};

@@ -67,11 +67,15 @@ pub(super) fn play<D: SensorDecoder + ?Sized>(
     decoder: &mut D,
     mut each: impl FnMut(&[u8], &D),
 ) -> Gather {
-    let (mut gather, mut decoded) = (Gather::default(), Vec::new());
+    let mut gather = Gather::default();
+    let mut decoded = Vec::new();
     // Only a MAVLink decoder numbers its sensors: those of one autopilot.
-    let source = |m: &SourceMeasurement| match format == Format::Mavlink {
-        true => m.measurement.source(),
-        false => 0,
+    let source = |m: &SourceMeasurement| {
+        if format == Format::Mavlink {
+            m.measurement.source()
+        } else {
+            0
+        }
     };
     for piece in pieces(format, bytes) {
         // A delta carries the time of its update, and a sentence that of its epoch.
@@ -83,10 +87,14 @@ pub(super) fn play<D: SensorDecoder + ?Sized>(
         each(&piece.content, decoder);
         let own = decoder.timeless().into_iter().zip(arrival_ns.into_iter().cycle());
         decoded.extend(own.map(|(m, at_ns)| SourceMeasurement::new(at_ns, m)));
-        decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
+        for m in decoded.drain(..) {
+            gather.push(m, source(&m));
+        }
     }
     decoder.finish(&mut decoded);
-    decoded.drain(..).for_each(|m| gather.push(m, source(&m)));
+    for m in decoded.drain(..) {
+        gather.push(m, source(&m));
+    }
     gather
 }
 

@@ -213,10 +213,12 @@ impl Reading {
     fn of(table: &CsvTable, mount: &Mount) -> Self {
         let rows = &table.rows;
         // Surge and sway are along the mean heading, or north before the first heading.
-        let (mut s, mut c) = (0.0, 0.0);
+        let mut s = 0.0;
+        let mut c = 0.0;
         for heading in rows.iter().filter_map(|r| r.get(Heading)) {
             let (a, b) = heading.to_radians().sin_cos();
-            (s, c) = (s + a, c + b);
+            s += a;
+            c += b;
         }
         let mean_heading = if s == 0.0 && c == 0.0 {
             0.0
@@ -298,7 +300,8 @@ impl Reading {
 
     fn attitude(&mut self, row: &CsvRow) -> Option<Measurement> {
         let heave = row.get(Heave);
-        let (rates, tilt) = (row.all(GYRO), row.all([Roll, Pitch]));
+        let rates = row.all(GYRO);
+        let tilt = row.all([Roll, Pitch]);
         self.own_rates += u64::from(rates.is_some() && tilt.is_none() && !self.inertial);
         let tilt = match tilt {
             Some(tilt) => tilt,
@@ -340,8 +343,10 @@ impl Reading {
     }
 
     fn fix(&mut self, row: &CsvRow) -> Option<Measurement> {
-        let (place, altitude) = (row.all([Latitude, Longitude]), row.get(Altitude));
-        let (velocity, down) = (row.all([North, East]), row.get(Down));
+        let place = row.all([Latitude, Longitude]);
+        let altitude = row.get(Altitude);
+        let velocity = row.all([North, East]);
+        let down = row.get(Down);
         if place.is_none() && altitude.is_none() && velocity.is_none() && down.is_none() {
             return None;
         }

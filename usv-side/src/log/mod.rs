@@ -7,7 +7,7 @@ pub mod table;
 mod wrapping;
 
 use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselTime};
 use thiserror::Error;
 
 use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
@@ -94,7 +94,7 @@ impl Gather {
             self.overflowed = true;
             return;
         }
-        let at: Time<VesselClock> = Time::from_nanos(at_ns.saturating_sub(first));
+        let at: VesselTime = Time::from_nanos(at_ns.saturating_sub(first));
         self.measurements.push(measurement.of(source, at));
     }
     /// Text about missing kinds of measurements; empty if there are none.
@@ -116,13 +116,12 @@ impl Gather {
     fn align(&mut self) -> Vec<String> {
         let mut notes = Vec::new();
         for (kind, name) in [(1, "positions"), (2, "headings")] {
-            let (mut newest, mut apart) = (None, Vec::new());
+            let mut newest = None;
+            let mut apart = Vec::new();
             for m in &self.measurements {
                 match m {
                     Measurement::Imu(_) | Measurement::Attitude(_) => newest = newest.max(Some(m.at())),
-                    _ if m.kind() == kind => {
-                        apart.extend(newest.map(|t: Time<VesselClock>| (t - m.at()).secs()))
-                    }
+                    _ if m.kind() == kind => apart.extend(newest.map(|t: VesselTime| (t - m.at()).secs())),
                     Measurement::Gnss(_) | Measurement::Heading(_) => {}
                 }
             }
@@ -155,9 +154,10 @@ impl Gather {
         remarks: Vec<Remark>,
     ) -> Result<SensorRecording, LogError> {
         let missing = self.missing();
-        let mut notes = vec![match missing.is_empty() {
-            true => found.to_owned(),
-            false => format!("{found}; there is {missing}"),
+        let mut notes = vec![if missing.is_empty() {
+            found.to_owned()
+        } else {
+            format!("{found}; there is {missing}")
         }];
         let remarks: Vec<String> = remarks.into_iter().map(|r| r.text).collect();
         notes.extend(remarks.iter().cloned());
@@ -243,12 +243,15 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
     if sentences::is_nmea(head) {
         // VectorNav's sentence looks like NMEA 0183, but is not supported live.
         let is_vectornav = head.windows(VNINS.len()).any(|w| w == VNINS);
-        let error = |e: LogError| match is_vectornav {
-            true => LogError {
-                message: format!("{}; {}", e.message, table::CONVERT),
-                ..e
-            },
-            false => e,
+        let error = |e: LogError| {
+            if is_vectornav {
+                LogError {
+                    message: format!("{}; {}", e.message, table::CONVERT),
+                    ..e
+                }
+            } else {
+                e
+            }
         };
         let sentences = sentences::read(bytes, origin, mount).map_err(error);
         // A port may send both; the format with more measurements is used.
@@ -456,7 +459,8 @@ mod tests {
         for k in 0..600 {
             let t = 0.2 * f64::from(k);
             let time = format!("12{:02}{:05.2}", k / 300, t % 60.0);
-            let (heave, roll) = (0.4 * (1.5 * t).sin(), 6.0 * (1.6 * t).sin());
+            let heave = 0.4 * (1.5 * t).sin();
+            let roll = 6.0 * (1.6 * t).sin();
             text += &sentence(&format!(
                 "GPGGA,{time},5918.00000,N,01806.00000,E,4,12,0.8,{:.2},M,23.1,M,,",
                 2.0 + heave

@@ -108,7 +108,8 @@ fn has_sentence(head: &[u8]) -> bool {
 }
 
 fn pass(bytes: &[u8], decoder: &mut NmeaDecoder) -> (Gather, Kinds) {
-    let (mut kinds, mut before) = (Kinds::default(), decoder.sentences());
+    let mut kinds = Kinds::default();
+    let mut before = decoder.sentences();
     let gather = buses::play(Format::Nmea, bytes, decoder, |line, decoder| {
         let after = decoder.sentences();
         kinds.count(line, &before, &after);
@@ -129,7 +130,8 @@ pub(super) fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRe
         }
     }
     // The table already counts each kind's results, so only findings are added.
-    let (carried, mut remarks) = (decoder.carried_remarks(), decoder.remarks());
+    let carried = decoder.carried_remarks();
+    let mut remarks = decoder.remarks();
     remarks.retain(|r| r.remedy.is_some() || r.text.contains(ANGLES) || carried.contains(r));
     gather.recording(origin, "NMEA 0183", &kinds.text(), decoder.decoded(), remarks)
 }

@@ -244,15 +244,17 @@ fn number(name: &str, text: &str, limit: f64) -> Result<f64, String> {
     let value = text.parse::<f64>();
     let value = value.map_err(|_| format!("{name} is `{text}`, not a number"))?;
     // NaN fails.
-    match value.abs() <= limit {
-        true => Ok(value),
-        false => Err(format!("{name} is {text}; allowed: -{limit} to {limit}")),
+    if value.abs() <= limit {
+        Ok(value)
+    } else {
+        Err(format!("{name} is {text}; allowed: -{limit} to {limit}"))
     }
 }
 
 fn row(record: &StringRecord, columns: &[Option<Quantity>], line: u64) -> Result<CsvRow, String> {
     if record.len() != columns.len() {
-        let (values, columns) = (record.len(), columns.len());
+        let values = record.len();
+        let columns = columns.len();
         return Err(format!(
             "{values} values for {columns} columns; cells are separated by commas and have a decimal point"
         ));
@@ -294,7 +296,8 @@ impl CsvTable {
             line: 1,
         };
         let mut record = StringRecord::new();
-        let (mut rows, mut bad) = (Vec::new(), Bad::default());
+        let mut rows = Vec::new();
+        let mut bad = Bad::default();
         let mut header: Option<(u64, Vec<Option<Quantity>>)> = None;
         loop {
             let coming = reader.position().byte();
@@ -344,7 +347,8 @@ impl CsvTable {
         let read = rows.len() as u64;
         let rows = joined(rows);
         let repeated = || rows.windows(2).filter(|w| w[1].t == w[0].t);
-        let (count, total) = (repeated().count(), rows.len());
+        let count = repeated().count();
+        let total = rows.len();
         if total - count >= 3
             && count as f64 >= COARSE * total as f64
             && let Some([_, first]) = repeated().next()
@@ -408,11 +412,13 @@ impl CsvTable {
             if !self.rows.iter().any(|r| count(r) == group.len()) {
                 continue;
             }
-            let (read, bad) = (&mut self.read, &mut self.bad);
+            let read = &mut self.read;
+            let bad = &mut self.bad;
             self.rows.retain(|row| {
                 let whole = [0, group.len()].contains(&count(row));
                 if let (false, Some(q)) = (whole, group.iter().find(|q| row.get(**q).is_none())) {
-                    let (name, limit) = (q.name(), q.limit());
+                    let name = q.name();
+                    let limit = q.limit();
                     *read = read.saturating_sub(1);
                     bad.push(
                         row.line,
@@ -436,7 +442,9 @@ fn joined(rows: Vec<CsvRow>) -> Vec<CsvRow> {
         match out.last_mut() {
             Some(last) if last.t == row.t && !last.overlaps(&row) => {
                 let cells = last.cells.iter_mut().zip(row.cells);
-                cells.for_each(|(to, from)| *to = to.or(from));
+                for (to, from) in cells {
+                    *to = to.or(from);
+                }
             }
             Some(_) | None => out.push(row),
         }

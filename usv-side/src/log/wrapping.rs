@@ -30,7 +30,9 @@ impl<'a> Peeled<'a> {
 /// Time and line after the prefix of a raw log.
 fn raw_log(line: &[u8]) -> Option<(i64, &[u8])> {
     let mut parts = line.splitn(3, |b| *b == b';');
-    let (millis, _name, rest) = (parts.next()?, parts.next()?, parts.next()?);
+    let millis = parts.next()?;
+    let _name = parts.next()?;
+    let rest = parts.next()?;
     if millis.len() != MILLIS_DIGITS || !millis.iter().all(u8::is_ascii_digit) {
         return None;
     }
@@ -44,7 +46,8 @@ fn quoted(line: &[u8]) -> Option<Vec<u8>> {
     if *first != b'"' || line.len() > MAX_QUOTED {
         return None;
     }
-    let (mut longest, mut cell) = (Vec::new(), None);
+    let mut longest = Vec::new();
+    let mut cell = None;
     let mut bytes = line.iter().copied().peekable();
     while let Some(b) = bytes.next() {
         match (b, cell.take()) {

@@ -2,6 +2,7 @@
 
 use alight_shared::admission::{RejectionReason, Rejections};
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
+use alight_shared::time::{DroneTime, Time};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
 use alight_shared::wire::{decode, encode};
 use proptest::prelude::*;
@@ -14,7 +15,7 @@ use crate::VesselNodeConfig;
 
 const TICK: i64 = 10_000_000;
 
-fn time(tick: i64) -> Time<VesselClock> {
+fn time(tick: i64) -> VesselTime {
     Time::from_nanos(5_000_000_000 + tick * TICK)
 }
 fn imu(tick: i64) -> ImuSample {
@@ -102,7 +103,9 @@ fn accelerometer_that_clips_for_a_while() {
         for k in ticks {
             let mut input = rest(k);
             let imu = input.imu.iter_mut();
-            imu.for_each(|m| m.accelerometer[2] = m.accelerometer[2].max(-most));
+            for m in imu {
+                m.accelerometer[2] = m.accelerometer[2].max(-most);
+            }
             estimates.extend(n.step(time(k), &input.into()).estimate);
         }
         estimates
@@ -129,9 +132,11 @@ fn headed<const N: usize>(
     (until_s, speed): (i64, f64),
     off: impl Fn(f64) -> [f64; N],
 ) -> (VesselNode, Vec<VesselEstimate<VesselClock>>) {
-    let (mut n, mut estimates) = (node(), Vec::new());
+    let mut n = node();
+    let mut estimates = Vec::new();
     for k in 0..100 * until_s {
-        let (t, mut input) = (0.01 * k as f64, rest(k));
+        let t = 0.01 * k as f64;
+        let mut input = rest(k);
         let noise = 0.01 * (k / 10 % 3 - 1) as f64;
         for fix in &mut input.gnss {
             fix.position[0] += speed * t;
@@ -227,7 +232,9 @@ fn compass_next_to_another() {
 fn estimate_of_a_vessel_at_rest() {
     let mut n = node();
     let mut last = None;
-    let (mut estimates, mut waves, mut predictions) = (0, 0, 0);
+    let mut estimates = 0;
+    let mut waves = 0;
+    let mut predictions = 0;
     for k in 0..2000 {
         let out = n.step(time(k), &rest(k).into());
         estimates += usize::from(out.estimate.is_some());
@@ -311,7 +318,8 @@ fn height_that_is_not_measured() {
 #[test]
 fn lateral_push_observed_by_gnss_only() {
     let mut n = node();
-    let (begins, speed) = (2000, 2.0);
+    let begins = 2000;
+    let speed = 2.0;
     let mut last = None;
     for k in 0..begins + 200 {
         let mut input = rest(k);
@@ -342,7 +350,8 @@ fn identified_roll(rate_hz: i64, silent: core::ops::Range<i64>) -> f64 {
         let mut input = rest(k);
         input.imu.clear();
         for f in &mut input.gnss {
-            (f.position, f.lever_arm) = ([10.0, 20.0, 0.0], Some([0.0; 3]));
+            f.position = [10.0, 20.0, 0.0];
+            f.lever_arm = Some([0.0; 3]);
         }
         while sampled * 100 <= k * rate_hz {
             let at = Time::from_nanos(time(0).nanos() + sampled * 1_000_000_000 / rate_hz);
@@ -388,21 +397,27 @@ fn modes_half_a_second_after_an_inertial_gap() {
 
 /// Measurements on a circle at 2 m/s and 0.05 rad/s, rolling by 3 deg at 2.5 s about a heel of 3 deg.
 fn circling(k: i64) -> Readings {
-    let (speed, turn, omega) = (2.0, 0.05, 2.0 * core::f64::consts::PI / 2.5);
+    let speed = 2.0;
+    let turn = 0.05;
+    let omega = 2.0 * core::f64::consts::PI / 2.5;
     let t = k as f64 * 1e-2;
-    let ((s, c), yaw) = ((omega * t).sin_cos(), turn * t);
-    let (roll, roll_rate) = (0.052 + 0.052 * s, 0.052 * omega * c);
+    let (s, c) = (omega * t).sin_cos();
+    let yaw = turn * t;
+    let roll = 0.052 + 0.052 * s;
+    let roll_rate = 0.052 * omega * c;
     // Specific force in level axes along and across the heading: centripetal acceleration minus gravity.
     let force = nalgebra::Rotation3::from_axis_angle(&nalgebra::Vector3::x_axis(), -roll)
         * nalgebra::Vector3::new(0.0, speed * turn, -9.806_65);
     let mut input = rest(k);
     for sample in &mut input.imu {
         sample.gyro = [roll_rate, turn * roll.sin(), turn * roll.cos()];
-        (sample.accelerometer, sample.lever_arm) = (force.into(), Some([0.0; 3]));
+        sample.accelerometer = force.into();
+        sample.lever_arm = Some([0.0; 3]);
     }
     for fix in &mut input.gnss {
         let (s, c) = yaw.sin_cos();
-        (fix.position, fix.lever_arm) = ([speed / turn * s, speed / turn * (1.0 - c), 0.0], Some([0.0; 3]));
+        fix.position = [speed / turn * s, speed / turn * (1.0 - c), 0.0];
+        fix.lever_arm = Some([0.0; 3]);
         fix.velocity = [speed * c, speed * s, 0.0];
     }
     for heading in &mut input.heading {
@@ -416,7 +431,8 @@ fn circling(k: i64) -> Readings {
 #[test]
 fn prediction_that_begins_at_the_estimate() {
     let mut n = node();
-    let (mut estimates, mut predictions) = (Vec::new(), Vec::new());
+    let mut estimates = Vec::new();
+    let mut predictions = Vec::new();
     for k in 0..12_000 {
         let out = n.step(time(k), &circling(k).into());
         estimates.extend(out.estimate);
@@ -430,15 +446,17 @@ fn prediction_that_begins_at_the_estimate() {
         }
     };
     // Estimate at a time; the identification's newest sample is up to 0.1 s old.
-    let at = |t: Time<VesselClock>| -> Option<[f64; 6]> {
+    let at = |t: VesselTime| -> Option<[f64; 6]> {
         let k = estimates.partition_point(|e| e.header.at <= t);
-        let (a, b) = (estimates.get(k.checked_sub(1)?)?, estimates.get(k)?);
+        let a = estimates.get(k.checked_sub(1)?)?;
+        let b = estimates.get(k)?;
         let fraction = (t - a.header.at).secs() / (b.header.at - a.header.at).secs();
         Some(core::array::from_fn(|d| {
             a.eta[d] + fraction * difference(d, b.eta[d], a.eta[d])
         }))
     };
-    let (mut compared, mut inside) = (0, 0);
+    let mut compared = 0;
+    let mut inside = 0;
     for p in &predictions {
         let (Some(now), Some(then)) = (at(p.header.at), at(p.header.at + Span::from_secs(1.0))) else {
             continue;
@@ -510,7 +528,8 @@ fn output_before_all_sensors_and_after_imu_loss() {
 
 #[test]
 fn repeated_and_reordered_samples() {
-    let (mut clean, mut dirty) = (node(), node());
+    let mut clean = node();
+    let mut dirty = node();
     for k in 0..500 {
         let input = rest(k);
         let mut twice = input.clone();
@@ -528,7 +547,7 @@ fn time_replies() {
     let mut n = node();
     let ask = |vessel| {
         let message = TimeRequest {
-            header: Header::new(vessel, 7, 1, 0, Time::<DroneClock>::from_secs(77.0)),
+            header: Header::new(vessel, 7, 1, 0, DroneTime::from_secs(77.0)),
             newest_at: Time::EPOCH,
             newest_boot: 0,
         };
@@ -578,7 +597,8 @@ fn modes_of_identified_motion() {
 
 #[test]
 fn vessel_message_encoding() {
-    let (mut n, mut slopes) = (node(), 0);
+    let mut n = node();
+    let mut slopes = 0;
     for k in 0..200 {
         let out = n.step(time(k), &rest(k).into());
         if let Some(w) = out.wave {

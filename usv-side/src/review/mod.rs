@@ -8,7 +8,7 @@ pub mod ridge;
 use alight_shared::estimation::median;
 use alight_shared::msg::{Decoded, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
 use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use serde::Serialize;
 
@@ -177,7 +177,7 @@ pub fn review(config: &VesselNodeConfig, recorded: &SensorRecording) -> Review {
 
 /// Measurements without those dated far ahead of the following ones.
 fn without_outliers(all: &[Measurement]) -> Vec<&Measurement> {
-    let mut newest: Option<Time<VesselClock>> = None;
+    let mut newest: Option<VesselTime> = None;
     let mut out = Vec::with_capacity(all.len());
     for (k, m) in all.iter().enumerate() {
         if newest.is_none_or(|n| (m.at() - n).secs() > JUMP_S) {
@@ -207,13 +207,13 @@ fn heave_is_observable(all: &[&Measurement]) -> bool {
 }
 
 struct Substitute {
-    next: Time<VesselClock>,
+    next: VesselTime,
     place: bool,
     heading: bool,
 }
 
 impl Substitute {
-    fn add(&mut self, now: Time<VesselClock>, readings: &mut Readings) {
+    fn add(&mut self, now: VesselTime, readings: &mut Readings) {
         if now < self.next || !(self.place || self.heading) {
             return;
         }
@@ -283,7 +283,7 @@ impl Spread {
 
 #[derive(Default)]
 struct Evaluation {
-    from: Time<VesselClock>,
+    from: VesselTime,
     heave: bool,
     before: Option<Consistency>,
     estimates: u64,
@@ -297,7 +297,7 @@ struct Evaluation {
 }
 
 impl Evaluation {
-    fn step(&mut self, node: &mut VesselNode, now: Time<VesselClock>, readings: Readings) {
+    fn step(&mut self, node: &mut VesselNode, now: VesselTime, readings: Readings) {
         let out = node.step(now, &readings.into());
         let counted = now >= self.from;
         let level = node.estimator().level().unwrap_or_default();
@@ -358,7 +358,8 @@ impl Evaluation {
     fn innovations(&self, all: &Consistency) -> Vec<FitReview> {
         let before = self.before.unwrap_or_default();
         let rows = InnovationChannel::ALL.map(|channel| {
-            let (a, b) = (all.of(channel), before.of(channel));
+            let a = all.of(channel);
+            let b = before.of(channel);
             let fit = InnovationStatistics {
                 fused: a.fused - b.fused,
                 sum: a.sum - b.sum,

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{VesselEstimate, VesselPrediction};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselClock, VesselTime};
 use serde::Serialize;
 
 use super::ridge::{PublishedMotion, RefittedRidge};
@@ -37,7 +37,7 @@ pub struct PredictionReview {
 #[derive(Clone, Copy)]
 struct Pending {
     horizon: usize,
-    due: Time<VesselClock>,
+    due: VesselTime,
     predicted: [f64; 6],
     sd: [f64; 6],
     held: [f64; 6],
@@ -57,7 +57,7 @@ struct Sums {
 #[derive(Default)]
 pub(super) struct Predictions {
     pending: VecDeque<Pending>,
-    last: Option<(Time<VesselClock>, [f64; 6])>,
+    last: Option<(VesselTime, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: PublishedMotion,
     /// Regression; None before the first estimate.
@@ -96,7 +96,8 @@ impl Predictions {
     }
     /// Compares due predictions with an estimate made with the mean water level at `level`, m down.
     pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
-        let (at, eta) = (estimate.header.at, estimate.eta);
+        let at = estimate.header.at;
+        let eta = estimate.eta;
         if self.last.is_none_or(|(before, _)| at > before) {
             self.ridge
                 .get_or_insert_with(|| RefittedRidge::new(at, &HORIZONS_S));
@@ -105,7 +106,8 @@ impl Predictions {
         }
         if let Some((before, was)) = self.last.replace((at, eta)) {
             let whole = (at - before).secs();
-            let (sums, sound) = (&mut self.sums, whole > 0.0 && whole < MAX_GAP_S);
+            let sums = &mut self.sums;
+            let sound = whole > 0.0 && whole < MAX_GAP_S;
             self.pending.retain(|p| {
                 if p.due > at {
                     return true;

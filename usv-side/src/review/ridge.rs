@@ -4,7 +4,7 @@
 //! (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
 use alight_shared::msg::VesselEstimate;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselClock, VesselTime};
 use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
 use nalgebra::{DMatrix, DVector};
 
@@ -30,7 +30,7 @@ pub type RollPitchHeave = [f64; CHANNELS];
 /// Estimates published by the node, oldest first.
 #[derive(Clone, Debug, Default)]
 pub struct PublishedMotion {
-    times: Vec<Time<VesselClock>>,
+    times: Vec<VesselTime>,
     values: Vec<RollPitchHeave>,
 }
 
@@ -50,7 +50,7 @@ impl PublishedMotion {
             ],
         );
     }
-    pub fn push_motion(&mut self, at: Time<VesselClock>, motion: RollPitchHeave) {
+    pub fn push_motion(&mut self, at: VesselTime, motion: RollPitchHeave) {
         self.times.push(at);
         self.values.push(motion);
     }
@@ -65,7 +65,7 @@ impl PublishedMotion {
             self.values.drain(..old);
         }
     }
-    pub fn until(&self, t: Time<VesselClock>) -> Past<'_> {
+    pub fn until(&self, t: VesselTime) -> Past<'_> {
         let n = self.times.partition_point(|at| *at <= t);
         Past {
             times: self.times.get(..n).unwrap_or_default(),
@@ -77,15 +77,16 @@ impl PublishedMotion {
 /// Estimates published until a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Past<'a> {
-    times: &'a [Time<VesselClock>],
+    times: &'a [VesselTime],
     values: &'a [RollPitchHeave],
 }
 
 impl Past<'_> {
     /// Motion at `t`: cubic interpolation between estimates, linear extrapolation beyond the last; None before the first.
-    pub fn at(&self, t: Time<VesselClock>) -> Option<RollPitchHeave> {
+    pub fn at(&self, t: VesselTime) -> Option<RollPitchHeave> {
         let i = self.times.partition_point(|at| *at <= t).checked_sub(1)?;
-        let (a, t0) = (self.values.get(i)?, self.times.get(i)?);
+        let a = self.values.get(i)?;
+        let t0 = self.times.get(i)?;
         let since = (t - *t0).secs();
         let Some((b, t1)) = self.values.get(i + 1).zip(self.times.get(i + 1)) else {
             let there = |c: usize| if c < 3 { a[c] + since * a[c + 3] } else { a[c] };
@@ -93,7 +94,8 @@ impl Past<'_> {
         };
         let h = (*t1 - *t0).secs();
         let s = since / h;
-        let (s2, s3) = (s * s, s * s * s);
+        let s2 = s * s;
+        let s3 = s * s * s;
         Some(core::array::from_fn(|c| match c {
             0..3 => {
                 a[c] + (3.0 * s2 - 2.0 * s3) * (b[c] - a[c])
@@ -117,8 +119,8 @@ impl Ridge {
     /// if there are too few.
     pub fn fit(
         all: &PublishedMotion,
-        t: Time<VesselClock>,
-        valid_from: Time<VesselClock>,
+        t: VesselTime,
+        valid_from: VesselTime,
         horizons_s: &[f64],
     ) -> Option<Ridge> {
         let past = all.until(t);
@@ -175,7 +177,7 @@ impl Ridge {
         core::array::from_fn(|c| (s[c] - self.mean[c]) / self.scale[c])
     }
     /// Roll, pitch and heave at every horizon after `t`.
-    pub fn predict(&self, past: &Past<'_>, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+    pub fn predict(&self, past: &Past<'_>, t: VesselTime) -> Option<Vec<[f64; 3]>> {
         let mut features = DVector::zeros(FEATURES);
         for (i, lag) in LAGS.into_iter().enumerate() {
             let sample = self.scaled(&past.at(t - Span::from_secs(lag as f64 * STEP_S))?);
@@ -194,7 +196,7 @@ impl Ridge {
 /// Regression fitted every 10 s from the start of the node, once the estimator has settled.
 #[derive(Clone, Debug)]
 pub struct RefittedRidge {
-    began: Time<VesselClock>,
+    began: VesselTime,
     horizons_s: Vec<f64>,
     /// Number of the current 10 s interval, and the fit at its start; inner `None`: the fit failed.
     fitted: Option<(u64, Option<Ridge>)>,
@@ -202,7 +204,7 @@ pub struct RefittedRidge {
 
 impl RefittedRidge {
     /// Regression for these horizons (s), for a node that has published since `began`.
-    pub fn new(began: Time<VesselClock>, horizons_s: &[f64]) -> Self {
+    pub fn new(began: VesselTime, horizons_s: &[f64]) -> Self {
         RefittedRidge {
             began,
             horizons_s: horizons_s.to_vec(),
@@ -210,7 +212,7 @@ impl RefittedRidge {
         }
     }
     /// Roll, pitch and heave at every horizon after `t`, from estimates published until then; times must not decrease.
-    pub fn predict(&mut self, published: &PublishedMotion, t: Time<VesselClock>) -> Option<Vec<[f64; 3]>> {
+    pub fn predict(&mut self, published: &PublishedMotion, t: VesselTime) -> Option<Vec<[f64; 3]>> {
         let period = ((t - self.began).secs() / REFIT_S).floor();
         if self.fitted.as_ref().is_none_or(|f| f.0 != period as u64) {
             let at = self.began + Span::from_secs(period * REFIT_S);
@@ -228,19 +230,23 @@ impl RefittedRidge {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
 
     const AHEAD_S: [f64; 3] = [0.5, 1.0, 2.0];
 
-    fn motion(t: Time<VesselClock>) -> RollPitchHeave {
+    fn motion(t: VesselTime) -> RollPitchHeave {
         let wave = |a: f64, w: f64, p: f64| {
             let x = w * t.secs() + p;
             [a * x.sin(), a * w * x.cos()]
         };
         let wave = |a: f64, b: f64, p: f64| {
-            let (x, y) = (wave(a, 1.1, p), wave(b, 1.7, 2.0 * p));
+            let x = wave(a, 1.1, p);
+            let y = wave(b, 1.7, 2.0 * p);
             [x[0] + y[0], x[1] + y[1]]
         };
-        let (roll, pitch, heave) = (wave(0.1, 0.05, 0.3), wave(0.03, 0.06, 1.0), wave(0.4, 0.2, 2.0));
+        let roll = wave(0.1, 0.05, 0.3);
+        let pitch = wave(0.03, 0.06, 1.0);
+        let heave = wave(0.4, 0.2, 2.0);
         [roll[0] + 0.05, pitch[0], heave[0], roll[1], pitch[1], heave[1]]
     }
 

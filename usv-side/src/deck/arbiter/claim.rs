@@ -1,7 +1,7 @@
 //! Claims of drones to the deck. One status establishes a claim; lasting evidence or the crew ends it.
 
 use alight_shared::msg::{DroneStatus, LandedState, OWNER_ONLY_M, State};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 
 use super::FRESH;
 use crate::deck::checkpoint::Claim;
@@ -18,14 +18,14 @@ const MIN_TIME: Span = Span::from_millis(3000);
 
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ClaimEvidence {
-    since: Time<VesselClock>,
-    newest: Time<VesselClock>,
+    since: VesselTime,
+    newest: VesselTime,
     statuses: u32,
 }
 
 impl ClaimEvidence {
     /// Adds a status that confirms the evidence if `shows`; otherwise, or after a silence, starts again.
-    pub(super) fn with(before: Option<Self>, now: Time<VesselClock>, shows: bool) -> Option<Self> {
+    pub(super) fn with(before: Option<Self>, now: VesselTime, shows: bool) -> Option<Self> {
         if !shows {
             return None;
         }

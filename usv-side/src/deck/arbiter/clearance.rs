@@ -8,7 +8,7 @@
 use core::fmt;
 
 use alight_shared::msg::{DroneStatus, State, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::time::{Span, VesselTime};
 use serde::{Deserialize, Serialize};
 
 use super::{DeckArbiter, Drone, Reading};
@@ -43,20 +43,20 @@ impl fmt::Display for ClearanceEnd {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clearance {
     drone: u32,
-    until: Time<VesselClock>,
+    until: VesselTime,
     /// End of a standing clearance; None: the clearance is for one take-off.
-    watch: Option<Time<VesselClock>>,
+    watch: Option<VesselTime>,
 }
 
 impl Clearance {
-    pub(super) fn once(drone: u32, now: Time<VesselClock>) -> Clearance {
+    pub(super) fn once(drone: u32, now: VesselTime) -> Clearance {
         Clearance {
             drone,
             until: now + Span::from_secs(TAKE_OFF_CLEARANCE_S),
             watch: None,
         }
     }
-    pub(super) fn standing(drone: u32, now: Time<VesselClock>) -> Clearance {
+    pub(super) fn standing(drone: u32, now: VesselTime) -> Clearance {
         let watch = now + Span::from_secs(TAKE_OFF_WATCH_S);
         Clearance {
             drone,
@@ -88,7 +88,7 @@ fn stops_take_off(before: State, now: State) -> bool {
 /// Maximum charge that a drone left alone on the deck can have, since a status.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StandingCharge {
-    at: Time<VesselClock>,
+    at: VesselTime,
     charge: f64,
 }
 
@@ -96,7 +96,7 @@ impl StandingCharge {
     /// Adds a status of a drone on the deck. Also returns whether the drone's battery was changed.
     pub(super) fn with(
         before: Option<StandingCharge>,
-        now: Time<VesselClock>,
+        now: VesselTime,
         battery: Option<f64>,
     ) -> (Option<StandingCharge>, bool) {
         let Some(charge) = battery else {
@@ -134,7 +134,7 @@ impl Clearances {
         self.given.retain(|c| !ends(c));
     }
     /// Whether the drone `named`, which stands on the deck, may take off.
-    fn clears(&mut self, now: Time<VesselClock>, named: Option<u32>) -> bool {
+    fn clears(&mut self, now: VesselTime, named: Option<u32>) -> bool {
         self.end(ClearanceEnd::Time, |c| now > c.until);
         let clears = self.given.iter().find(|c| Some(c.drone) == named);
         let clears = clears.map(|c| c.drone);
@@ -146,7 +146,7 @@ impl Clearances {
         clears.is_some()
     }
     /// Limits each standing clearance to the duration `stands` per stay of its drone on the deck.
-    fn bound(&mut self, now: Time<VesselClock>, stands: Span, on_deck: impl Fn(u32) -> bool) {
+    fn bound(&mut self, now: VesselTime, stands: Span, on_deck: impl Fn(u32) -> bool) {
         for c in &mut self.given {
             let Some(watch) = c.watch else { continue };
             let latest = watch.min(now + stands);
@@ -165,7 +165,7 @@ impl DeckArbiter {
         core::mem::take(&mut self.cleared.ended)
     }
     /// Whether the deck's owner stands on the deck and may take off with a clearance given since it arrived.
-    pub(super) fn clears_take_off(&mut self, now: Time<VesselClock>) -> bool {
+    pub(super) fn clears_take_off(&mut self, now: VesselTime) -> bool {
         if self.closed(now).is_some() {
             self.cleared.given.clear();
         }

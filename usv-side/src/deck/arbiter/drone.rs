@@ -1,5 +1,5 @@
 use alight_shared::msg::{DroneStatus, Header, ReasonCode, State, Station};
-use alight_shared::time::{DroneClock, Span, Time, VesselClock};
+use alight_shared::time::{DroneClock, Span, Time, VesselTime};
 
 use super::claim::ClaimEvidence;
 use super::clearance::StandingCharge;
@@ -16,11 +16,11 @@ const GIVES_WAY: u8 = 5;
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Drone {
     pub(super) header: Header<DroneClock>,
-    pub(super) received: Time<VesselClock>,
+    pub(super) received: VesselTime,
     pub(super) state: State,
     pub(super) claim: Claim,
     /// Start of the drone's request for the deck, or of an ownership without a descent.
-    pub(super) since: Time<VesselClock>,
+    pub(super) since: VesselTime,
     /// The drone came within [`alight_shared::msg::OWNER_ONLY_M`] and has not reported a larger distance since.
     pub(super) inside: bool,
     pub(super) place: Option<usize>,
@@ -38,14 +38,14 @@ pub(super) struct Drone {
     pub(super) standing: Option<StandingCharge>,
     /// The drone descends, or waits for a steady course before its descent.
     pub(super) wants_steady: bool,
-    pub(super) station: Option<(Station, Time<VesselClock>)>,
+    pub(super) station: Option<(Station, VesselTime)>,
 }
 
 /// Another sender with the same number: the restarted drone, or a second one.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rival {
     pub(super) header: Header<DroneClock>,
-    pub(super) received: Time<VesselClock>,
+    pub(super) received: VesselTime,
     /// The first sender has been received since this one appeared.
     pub(super) answered: bool,
     pub(super) alternations: u32,
@@ -53,7 +53,7 @@ pub(super) struct Rival {
 
 impl Drone {
     /// Drone from a checkpoint of this vessel, whose deck has `owner`.
-    pub(super) fn restored(c: &DroneClaim, vessel: u32, owner: Option<u32>, now: Time<VesselClock>) -> Drone {
+    pub(super) fn restored(c: &DroneClaim, vessel: u32, owner: Option<u32>, now: VesselTime) -> Drone {
         Drone {
             header: Header::new(vessel, c.drone, c.boot, 0, Time::EPOCH),
             received: now - FRESH - Span::from_millis(1),
@@ -70,23 +70,23 @@ impl Drone {
             ..Drone::default()
         }
     }
-    pub(super) fn is_fresh(&self, now: Time<VesselClock>) -> bool {
+    pub(super) fn is_fresh(&self, now: VesselTime) -> bool {
         now - self.received <= FRESH
     }
     /// Whether the drone may stand on the deck, where the deck sensor detects it.
-    pub(super) fn may_stand(&self, now: Time<VesselClock>) -> bool {
+    pub(super) fn may_stand(&self, now: VesselTime) -> bool {
         self.claim >= Claim::Landing && !(self.descends && self.is_fresh(now))
     }
     /// Whether a look at the deck shows that a silent drone has left. A drone that stood there is either
     /// visible or gone, but one that was in the air may descend in silence for as long as a landing takes.
-    pub(super) fn ends_by_a_look(&self, now: Time<VesselClock>, timeout_s: f64) -> bool {
+    pub(super) fn ends_by_a_look(&self, now: VesselTime, timeout_s: f64) -> bool {
         self.claim == Claim::OnDeck || (now - self.received).secs() > timeout_s
     }
     pub(super) fn is_double(&self) -> bool {
         self.rival.is_some_and(|r| r.alternations >= MIN_ALTERNATIONS)
     }
     /// Whether a status is from the known sender in order, or from its next start.
-    pub(super) fn admit(&mut self, now: Time<VesselClock>, h: &Header<DroneClock>) -> bool {
+    pub(super) fn admit(&mut self, now: VesselTime, h: &Header<DroneClock>) -> bool {
         if h.boot == self.header.boot {
             let new = h.follows(&self.header);
             if let Some(rival) = self.rival.as_mut().filter(|r| new && !r.answered) {

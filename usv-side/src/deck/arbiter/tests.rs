@@ -1,6 +1,6 @@
 use super::*;
 use alight_shared::msg::Station;
-use alight_shared::time::DroneClock;
+use alight_shared::time::DroneTime;
 
 mod course;
 mod departure;
@@ -76,7 +76,7 @@ impl Rig {
         self.arbiter.step(Time::from_secs(self.t_s), &input);
     }
     fn status(&self, (id, state): (u32, State)) -> DroneStatus {
-        let at = Time::<DroneClock>::from_secs(self.t_s);
+        let at = DroneTime::from_secs(self.t_s);
         DroneStatus {
             header: Header::new(1, id, 7, self.sequence, at),
             state,

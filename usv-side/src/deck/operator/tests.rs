@@ -1,5 +1,6 @@
 use super::*;
 use alight_shared::msg::{Reason, ReasonCode, State};
+use alight_shared::time::Time;
 use proptest::prelude::*;
 
 fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {
@@ -48,18 +49,27 @@ fn restarted(before: &OperatorRelay, t_s: f64) -> (OperatorRelay, OperatorOut) {
     (relay, out)
 }
 
+fn stepped(
+    relay: &mut OperatorRelay,
+    t_s: f64,
+    command: Option<OperatorCommand<VesselClock>>,
+    status: Option<DroneStatus>,
+) -> OperatorOut {
+    let input = OperatorIn {
+        commands: command.map(given).into_iter().collect(),
+        statuses: status.into_iter().collect(),
+        ..OperatorIn::default()
+    };
+    relay.step(Time::from_secs(t_s), &input)
+}
+
 fn step(
     relay: &mut OperatorRelay,
     t_s: f64,
     command: Option<OperatorCommand<VesselClock>>,
     status: Option<DroneStatus>,
 ) -> (bool, Vec<CommandKind>) {
-    let input = OperatorIn {
-        commands: command.map(given).into_iter().collect(),
-        statuses: status.into_iter().collect(),
-        ..OperatorIn::default()
-    };
-    let out = relay.step(Time::from_secs(t_s), &input);
+    let out = stepped(relay, t_s, command, status);
     let sent = out.commands.iter().map(|c| c.kind).collect();
     (!out.accepted.is_empty(), sent)
 }
@@ -94,12 +104,7 @@ fn receipts(
     command: Option<OperatorCommand<VesselClock>>,
     status: Option<DroneStatus>,
 ) -> Vec<(u32, u32, CommandProgress)> {
-    let input = OperatorIn {
-        commands: command.map(given).into_iter().collect(),
-        statuses: status.into_iter().collect(),
-        ..OperatorIn::default()
-    };
-    let out = relay.step(Time::from_secs(t_s), &input);
+    let out = stepped(relay, t_s, command, status);
     assert!(
         out.receipts
             .iter()

@@ -113,9 +113,12 @@ fn csv_fixes_of_a_receiver_without_a_fix() {
 fn csv_quantities_on_rows_of_their_own() {
     let r = parse(&bus()).unwrap();
     let mut counts = [0; 4];
-    r.measurements.iter().for_each(|m| counts[m.kind()] += 1);
+    for m in &r.measurements {
+        counts[m.kind()] += 1;
+    }
     assert_eq!(counts, [0, 480, 0, 659]);
-    let (mut rated, mut heaved) = (0, 0);
+    let mut rated = 0;
+    let mut heaved = 0;
     for m in &r.measurements {
         let t = m.at().secs();
         match m {

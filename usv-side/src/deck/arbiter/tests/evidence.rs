@@ -43,7 +43,8 @@ fn single_status_from_beyond_the_deck() {
 #[test]
 fn evidence_of_a_departure_between_contrary_statuses() {
     let mut rig = Rig::with_a_landed_drone();
-    let (far, near) = (rig.flying(200.0), rig.flying(1.0));
+    let far = rig.flying(200.0);
+    let near = rig.flying(1.0);
     for _ in 0..20 {
         assert_eq!([rig.run_as(far, 5), rig.run_as(near, 1)], [1, 1]);
     }
