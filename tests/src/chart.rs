@@ -57,12 +57,14 @@ struct Axes<'a> {
 fn legend<'a>(area: &Area<'a>, lines: &[Line]) -> Result<Area<'a>, Box<dyn Error>> {
     const LEFT: i32 = 60;
     let width = i32::try_from(area.dim_in_pixel().0).unwrap_or(i32::MAX);
-    let (mut x, mut y) = (LEFT, ROW / 2);
+    let mut x = LEFT;
+    let mut y = ROW / 2;
     for line in lines.iter().filter(|l| !l.name.is_empty()) {
         let letters = i32::try_from(line.name.chars().count()).unwrap_or_default();
         let wide = SAMPLE + LETTER * (letters + 3);
         if x > LEFT && x + wide > width {
-            (x, y) = (LEFT, y + ROW);
+            x = LEFT;
+            y += ROW;
         }
         if line.points.len() == 1 {
             area.draw(&Circle::new((x + SAMPLE / 2, y), 4, line.colour.filled()))?;
@@ -117,7 +119,8 @@ fn lines(area: &Area<'_>, axes: &Axes<'_>, lines: &[Line]) -> Drawn {
 }
 
 fn range_of(values: impl Iterator<Item = f64>) -> Range<f64> {
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut low = f64::INFINITY;
+    let mut high = f64::NEG_INFINITY;
     for v in values.filter(|v| v.is_finite()) {
         low = low.min(v);
         high = high.max(v);

@@ -1,6 +1,7 @@
 //! ArduPilot's JSON backend: ArduPilot sends its servo outputs to UDP port 9002 and waits. The plant answers
 //! each packet with one line of JSON, whose `timestamp` sets ArduPilot's clock.
 
+use alight_shared::frames::wxyz;
 use std::fmt::Write;
 
 use super::{FirmwareConfig, motors};
@@ -57,7 +58,6 @@ pub fn answer(truth: &PlantState, start_s: f64) -> String {
         let numbers: Vec<String> = v.iter().map(|x| format!("{x:.9}")).collect();
         format!("[{}]", numbers.join(","))
     };
-    let q = truth.attitude;
     let _never = writeln!(
         text,
         "\"timestamp\":{:.6},\"imu\":{{\"gyro\":{},\"accel_body\":{}}},\"position\":{},\"quaternion\":{},\"velocity\":{}}}",
@@ -65,7 +65,7 @@ pub fn answer(truth: &PlantState, start_s: f64) -> String {
         list(truth.rates.as_slice()),
         list(truth.specific_force.as_slice()),
         list(truth.position.as_slice()),
-        list(&[q.w, q.i, q.j, q.k]),
+        list(&wxyz(&truth.attitude)),
         list(truth.velocity.as_slice()),
     );
     text

@@ -93,9 +93,7 @@ impl Px4Plant {
     pub fn lost(&mut self) {
         self.outputs = None;
         self.decoder = Decoder::default();
-        (self.answered_us, self.every_us) = (0, 0);
-    }
-    pub fn answers(&self) -> u64 {
-        self.answers
+        self.answered_us = 0;
+        self.every_us = 0;
     }
 }

@@ -2,7 +2,7 @@
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geodesy::Datum;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_uav::autopilot::message::{HilGps, HilSensor};
 use nalgebra::Vector3;
 
@@ -31,7 +31,7 @@ pub struct FirmwareSensors {
     other: Stream,
     gnss: Stream,
     gnss_bias: [GaussMarkov; 3],
-    fixed: Option<Time<TrueTime>>,
+    fixed: Option<WorldTime>,
 }
 
 impl FirmwareSensors {
@@ -42,10 +42,12 @@ impl FirmwareSensors {
         datum: Datum,
         streams: &Streams,
     ) -> FirmwareSensors {
-        let (mut imu, mut gnss) = (streams.stream("firmware.imu"), streams.stream("firmware.gnss"));
+        let mut imu = streams.stream("firmware.imu");
+        let mut gnss = streams.stream("firmware.gnss");
         let n = navigation;
         let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu));
-        let (gyro_bias, accelerometer_bias) = (draw(n.gyro_bias_rps), draw(n.accelerometer_bias_mps2));
+        let gyro_bias = draw(n.gyro_bias_rps);
+        let accelerometer_bias = draw(n.accelerometer_bias_mps2);
         let gnss_bias = core::array::from_fn(|_| {
             GaussMarkov::new(n.gnss_bias_m, n.gnss_bias_s, 1.0 / n.gnss_hz, &mut gnss)
         });
@@ -121,7 +123,7 @@ impl FirmwareSensors {
 }
 
 /// Microseconds since the start plus an offset, because a firmware's clock does not start at zero.
-fn micros(t: Time<TrueTime>) -> u64 {
+fn micros(t: WorldTime) -> u64 {
     1_000_000 + (t.nanos().max(0) / 1000).unsigned_abs()
 }
 

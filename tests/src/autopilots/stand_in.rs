@@ -52,7 +52,9 @@ pub fn motor_answer(time_us: u64, outputs: [f64; MAX_ROTORS], armed: bool) -> Ve
         ..HIL_ACTUATOR_CONTROLS_DATA::DEFAULT
     };
     let controls = answer.controls.iter_mut().zip(outputs);
-    controls.for_each(|(c, u)| *c = u as f32);
+    for (c, u) in controls {
+        *c = u as f32;
+    }
     if armed {
         answer.mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
     }

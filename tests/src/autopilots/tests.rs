@@ -35,7 +35,8 @@ fn outputs(b: &PlantState, place: &Vector3<f64>, descend: f64) -> [f64; MAX_ROTO
         .component_mul(&Vector3::new(15.0, 15.0, 5.0))
         .component_mul(&Vector3::from(g.inertia_kgm2));
     let thrust = g.mass_kg * (GRAVITY - wanted.z);
-    let (side, rotor) = (g.arm_m / 2.0_f64.sqrt(), g.max_thrust_n / 4.0);
+    let side = g.arm_m / 2.0_f64.sqrt();
+    let rotor = g.max_thrust_n / 4.0;
     let mut out = [0.0; MAX_ROTORS];
     for (o, [x, y, sense]) in out.iter_mut().zip(RotorFrame::QuadX.rotors()) {
         let force =
@@ -78,7 +79,9 @@ fn fly(
 ) -> (f64, f64, f64) {
     physics.place_drone_on_pad(0);
     let start = physics.drone(0).unwrap_or_default().position.0;
-    let (mut hover, mut impact, mut touched) = (0.0_f64, 0.0_f64, false);
+    let mut hover = 0.0_f64;
+    let mut impact = 0.0_f64;
+    let mut touched = false;
     for tick in 0..3500_u32 {
         let t_s = TICK.secs() * f64::from(tick);
         let deck = physics.deck().position.0;
@@ -104,7 +107,8 @@ fn fly(
 fn ardupilot_plant_take_off_hover_and_landing() {
     let physics = Physics::new(&calm(), 3).expect("a world");
     let c = FirmwareConfig::default();
-    let (mut frame, mut grounded) = (0_u32, false);
+    let mut frame = 0_u32;
+    let mut grounded = false;
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
         let line = ardupilot::answer(truth, 0.0);
         assert!(line.starts_with("\n{") && line.ends_with("}\n") && !line.contains(' '));
@@ -141,8 +145,10 @@ fn px4_plant_take_off_hover_and_landing() {
     let c = FirmwareConfig::default();
     let mut plant = Px4Plant::new(&c, FirmwareSensors::new(&c, &navigation, datum, &streams));
     let physics = Physics::new(&scenario, 3).expect("a world");
-    let (mut decoder, mut belief) = (Decoder::default(), None::<PlantState>);
-    let (mut grounded, mut fixes) = (false, 0);
+    let mut decoder = Decoder::default();
+    let mut belief = None::<PlantState>;
+    let mut grounded = false;
+    let mut fixes = 0;
     let (hover, impact, off) = fly(physics, |truth, t_s, start, deck| {
         decoder.push(&plant.encode_sensors(truth, RATE_HZ));
         let mut answer = None;
@@ -184,14 +190,16 @@ fn px4_plant_take_off_hover_and_landing() {
     assert!(off < 0.8, "{off} m from the deck's centre");
 }
 
+fn px4_plant() -> Px4Plant {
+    let c = FirmwareConfig::default();
+    let streams = crate::physics::streams::Streams::new(1);
+    let sensors = FirmwareSensors::new(&c, &NavigationConfig::default(), Default::default(), &streams);
+    Px4Plant::new(&c, sensors)
+}
+
 #[test]
 fn px4_plant_with_every_second_sample_answered() {
-    let (c, streams) = (
-        FirmwareConfig::default(),
-        crate::physics::streams::Streams::new(1),
-    );
-    let sensors = FirmwareSensors::new(&c, &NavigationConfig::default(), Default::default(), &streams);
-    let mut plant = Px4Plant::new(&c, sensors);
+    let mut plant = px4_plant();
     let mut wanted = Vec::new();
     for k in 1..=24_u64 {
         let at = alight_shared::time::Time::from_nanos(k as i64 * 2_500_000);
@@ -303,10 +311,7 @@ proptest! {
     #[test]
     fn arbitrary_firmware_bytes(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
         let _any = ardupilot::servos(&bytes);
-        let c = FirmwareConfig::default();
-        let streams = crate::physics::streams::Streams::new(1);
-        let sensors = FirmwareSensors::new(&c, &NavigationConfig::default(), Default::default(), &streams);
-        let mut plant = Px4Plant::new(&c, sensors);
+        let mut plant = px4_plant();
         plant.decode(&bytes);
         prop_assert!(plant.motors().is_none_or(|m| m.iter().all(|s| s.is_finite())));
     }

@@ -43,7 +43,9 @@ pub(super) fn peaks(record: &[f64], rate: f64, [low, high]: [f64; 2]) -> Vec<Pea
             if !(b > a && b >= c && (low..=high).contains(&centre)) {
                 return None;
             }
-            let (la, lb, lc) = (a.ln(), b.ln(), c.ln());
+            let la = a.ln();
+            let lb = b.ln();
+            let lc = c.ln();
             let bend = la - 2.0 * lb + lc;
             let shift = if bend < -1e-9 { 0.5 * (la - lc) / bend } else { 0.0 };
             Some(Peak {

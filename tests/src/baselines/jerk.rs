@@ -66,7 +66,8 @@ impl JerkAxis {
     pub fn new(step: f64) -> Self {
         let h = step;
         let by = |k: usize| {
-            let (d, e) = ((k + 1) as f64 * h, k as f64 * h);
+            let d = (k + 1) as f64 * h;
+            let e = k as f64 * h;
             [(d.powi(3) - e.powi(3)) / 6.0, (d.powi(2) - e.powi(2)) / 2.0, h]
         };
         JerkAxis {
@@ -97,7 +98,8 @@ impl JerkAxis {
         let mut sum = 0.0;
         let mut before = problem.previous;
         for (k, (x, u)) in self.states(problem.start, jerk).iter().zip(jerk).enumerate() {
-            let (e, d) = (x[0] - problem.position[k], x[1] - problem.velocity[k]);
+            let e = x[0] - problem.position[k];
+            let d = x[1] - problem.velocity[k];
             sum += problem.weight[0] * e * e + problem.weight[1] * d * d;
             sum += problem.increment_weight * (u - before).powi(2);
             sum +=
@@ -143,7 +145,8 @@ impl JerkAxis {
             };
             steps += 1;
             let gain = cost - c;
-            (u, cost) = (tried, c);
+            u = tried;
+            cost = c;
             if gain < 1e-6 * (1.0 + cost) {
                 break;
             }
@@ -167,7 +170,8 @@ impl JerkAxis {
             )
         };
         for (k, x) in self.states(problem.start, jerk).iter().enumerate() {
-            let (e, d) = (x[0] - problem.position[k], x[1] - problem.velocity[k]);
+            let e = x[0] - problem.position[k];
+            let d = x[1] - problem.velocity[k];
             let mut slope = [2.0 * problem.weight[0] * e, 2.0 * problem.weight[1] * d, 0.0];
             let mut bend = [2.0 * problem.weight[0], 2.0 * problem.weight[1], 0.0];
             let (s, b) = over(d, problem.limit[0]);
@@ -221,7 +225,8 @@ mod tests {
         assert!(shape(0.0, 1.2).0 < 1e-4 && shape(-5.0, 1.2).0 < 1e-20 + 1e-12);
         for z in [0.05, 0.09, 0.12, 0.3, 0.9, 1.1, 1.3, 2.0] {
             let e = 1e-6;
-            let (a, b) = (shape(z - e, 1.2), shape(z + e, 1.2));
+            let a = shape(z - e, 1.2);
+            let b = shape(z + e, 1.2);
             let (_, first, second) = shape(z, 1.2);
             assert!(
                 ((b.0 - a.0) / (2.0 * e) - first).abs() < 1e-4 * (1.0 + first.abs()),
@@ -258,7 +263,8 @@ mod tests {
         let (g, _) = axis.derivatives(&problem, Some(&barrier), &u);
         for i in 0..STAGES {
             let e = 1e-5;
-            let (mut a, mut b) = (u, u);
+            let mut a = u;
+            let mut b = u;
             a[i] -= e;
             b[i] += e;
             let d = (axis.cost(&problem, Some(&barrier), &b) - axis.cost(&problem, Some(&barrier), &a))

@@ -3,7 +3,7 @@
 //! Kalman filter tracks them. Surge and sway have no modes: the position drifts.
 
 use alight_shared::msg::DeckStage;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use nalgebra::{SMatrix, SVector};
 use std::collections::VecDeque;
 
@@ -119,7 +119,7 @@ impl Wavy {
 
 #[derive(Clone, Copy, Debug)]
 struct Sample {
-    at: Time<DroneClock>,
+    at: DroneTime,
     value: [f64; WAVY],
 }
 
@@ -139,7 +139,7 @@ pub struct SpectralModes {
     wavy: Option<[Wavy; WAVY]>,
     /// Position and drift velocity, north and east, m and m/s.
     place: Option<[[f64; 2]; 2]>,
-    analysed: Option<Time<DroneClock>>,
+    analysed: Option<DroneTime>,
 }
 
 impl SpectralModes {
@@ -148,7 +148,7 @@ impl SpectralModes {
         self.analysed.is_some()
     }
 
-    pub fn observe(&mut self, at: Time<DroneClock>, detection: &DeckStage) {
+    pub fn observe(&mut self, at: DroneTime, detection: &DeckStage) {
         let value = [detection.position[2], detection.euler[0], detection.euler[1]];
         let dt = match self.record.back() {
             // A detection up to half a tick early counts as on time.
@@ -186,7 +186,7 @@ impl SpectralModes {
         self.analyse(at);
     }
 
-    fn analyse(&mut self, now: Time<DroneClock>) {
+    fn analyse(&mut self, now: DroneTime) {
         let (Some(first), Some(last)) = (self.record.front().copied(), self.record.back().copied()) else {
             return;
         };
@@ -259,8 +259,10 @@ impl SpectralModes {
     }
 
     /// Predicted deck at `t`; None before the first detection.
-    pub fn at(&self, t: Time<DroneClock>) -> Option<Predicted> {
-        let (wavy, place, last) = (self.wavy.as_ref()?, self.place?, self.record.back()?);
+    pub fn at(&self, t: DroneTime) -> Option<Predicted> {
+        let wavy = self.wavy.as_ref()?;
+        let place = self.place?;
+        let last = self.record.back()?;
         let ahead = (t - last.at).secs();
         let [(z, vz), (roll, _), (pitch, _)] = wavy.each_ref().map(|w| w.at(ahead));
         let [[n, vn], [e, ve]] = place;

@@ -26,7 +26,7 @@ use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage, Solve, State as Mode,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use alight_uav::planner::config::Reset;
 use alight_uav::planner::law::Law;
 use alight_uav::planner::model::{ModelState, measured_state, tilt_of};
@@ -67,14 +67,14 @@ struct Body {
 
 #[derive(Clone, Copy, Debug)]
 struct SolvedPlan {
-    at: Time<DroneClock>,
+    at: DroneTime,
     start: Body,
     jerk: [PerStage; 3],
 }
 
 impl SolvedPlan {
     /// Body and jerk at `t`; constant velocity after the end of the trajectory.
-    fn body(&self, t: Time<DroneClock>) -> (Body, [f64; 3]) {
+    fn body(&self, t: DroneTime) -> (Body, [f64; 3]) {
         let since = (t - self.at).secs().max(0.0);
         let whole = ((since / STEP_S + 1e-6).floor() as usize).min(STAGES);
         let rest = (since - whole as f64 * STEP_S).max(0.0);
@@ -129,7 +129,7 @@ impl Law for MpcNe {
     }
     fn begins(
         &self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         drone: Option<&DroneState>,
@@ -138,7 +138,7 @@ impl Law for MpcNe {
     }
     fn own_plan(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         start: Option<(ModelState, f64)>,
@@ -176,11 +176,12 @@ impl MpcNe {
     }
 
     /// Whether the last trajectory is fresh and close to the drone.
-    fn goes_on(&self, now: Time<DroneClock>, drone: Option<&DroneState>) -> bool {
+    fn goes_on(&self, now: DroneTime, drone: Option<&DroneState>) -> bool {
         let (Some(solved), Some(drone)) = (&self.solved, drone) else {
             return false;
         };
-        let (measured, r) = (measured_state(drone), &self.reset);
+        let measured = measured_state(drone);
+        let r = &self.reset;
         let (then, _) = solved.body(drone.header.at);
         let gap = |i: usize, d: usize| measured[6 * d + i] - then.axes[i][d];
         (now - solved.at).secs() <= r.age_s
@@ -192,7 +193,7 @@ impl MpcNe {
     }
 
     /// `down` is the vertical acceleration, m/s².
-    pub fn begin(&mut self, now: Time<DroneClock>, s: &ModelState, down: f64) {
+    pub fn begin(&mut self, now: DroneTime, s: &ModelState, down: f64) {
         let acceleration = [-GRAVITY * s[4], GRAVITY * s[3], down];
         self.solved = Some(SolvedPlan {
             at: now,
@@ -209,12 +210,7 @@ impl MpcNe {
     }
 
     /// None before [`Self::begin`], and before the first detection.
-    pub fn plan(
-        &mut self,
-        now: Time<DroneClock>,
-        mission: &MissionState,
-        forecast: &DeckForecast,
-    ) -> Option<Plan> {
+    pub fn plan(&mut self, now: DroneTime, mission: &MissionState, forecast: &DeckForecast) -> Option<Plan> {
         let solved = self.solved?;
         let (start, previous) = solved.body(now);
         let deck = self.deck(now, forecast)?;
@@ -271,7 +267,7 @@ impl MpcNe {
     }
 
     /// Deck at the stages; before the first detection, the forecast's position and heave.
-    fn deck(&self, now: Time<DroneClock>, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
+    fn deck(&self, now: DroneTime, forecast: &DeckForecast) -> Option<[Predicted; STAGES]> {
         let mut out = [Predicted::default(); STAGES];
         for (k, slot) in out.iter_mut().enumerate() {
             let t = now + Span::from_secs(STEP_S * (k + 1) as f64);
@@ -310,7 +306,8 @@ impl MpcNe {
             let (phi, theta) = tilt_of(&push.normalize(), body.yaw);
             let (sin, cos) = body.yaw.sin_cos();
             // The tilt about north and east follows the acceleration.
-            let (about_north, about_east) = (jerk[1] / GRAVITY, -jerk[0] / GRAVITY);
+            let about_north = jerk[1] / GRAVITY;
+            let about_east = -jerk[0] / GRAVITY;
             let _ = plan.stages.push(PlanStage {
                 position: [x[0], y[0], z[0]],
                 velocity: [x[1], y[1], z[1]],

@@ -70,7 +70,8 @@ impl<T: ?Sized> OwnPart<T> {
 
 impl<T: ?Sized> Clone for OwnPart<T> {
     fn clone(&self) -> Self {
-        let (name, make) = (self.name.clone(), self.make.clone());
+        let name = self.name.clone();
+        let make = self.make.clone();
         OwnPart { name, make }
     }
 }

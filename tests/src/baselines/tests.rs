@@ -2,7 +2,7 @@
 
 use alight_shared::config::{Check, Keys};
 use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span, Time};
 use alight_uav::mission::MissionConfig;
 use alight_uav::planner::PlannerKind;
 use alight_uav::planner::model::ModelState as Start;
@@ -12,7 +12,7 @@ use alight_uav::predictor::PredictorConfig;
 use super::modes::SpectralModes;
 use super::*;
 
-fn at(t: f64) -> Time<DroneClock> {
+fn at(t: f64) -> DroneTime {
     Time::from_secs(t)
 }
 
@@ -86,7 +86,8 @@ fn deck_modes_prediction_from_the_tag_alone() {
             assert!(t > 9.9 || !modes.ready(), "ready after {t} s");
             continue;
         }
-        let (p, truth) = (modes.at(at(t + 1.0)).unwrap(), deck(t + 1.0));
+        let p = modes.at(at(t + 1.0)).unwrap();
+        let truth = deck(t + 1.0);
         worst.0 = worst.0.max((p.position[2] - truth.position[2]).abs());
         worst.1 = worst.1.max((p.tilt_squared.sqrt() - truth.euler[0].abs()).abs());
     }
@@ -95,12 +96,14 @@ fn deck_modes_prediction_from_the_tag_alone() {
 
 /// Flies MPC-NE's plans over a rocking deck. Returns the final and the minimum height above it, m.
 fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
-    let (config, drone) = (PlannerConfig::default(), DroneGeometry::default());
+    let config = PlannerConfig::default();
+    let drone = DroneGeometry::default();
     let mut ne = MpcNe::new(&config.reset, &drone);
     let deck = rocking(roll);
     let above = |s: &Start, t: f64| deck(t).position[2] - drone.feet_below_m - s[2];
     let mut state_now = resting([0.2, -0.1, -7.5]);
-    let (mut min, mut begun) = (f64::INFINITY, false);
+    let mut min = f64::INFINITY;
+    let mut begun = false;
     for k in 0..2000 {
         let t = 0.02 * f64::from(k);
         let f = forecast(t, 0.02, &deck);
@@ -115,7 +118,8 @@ fn mpc_ne_over(roll: f64, state: State, descent_mps: f64) -> (f64, f64) {
         let mut plan = ne.plan(at(t), &permits(state, descent_mps), &f).unwrap();
         plan.header.at = at(t);
         let stage = plan.sample(at(t + 0.02)).unwrap();
-        let (p, v) = (stage.position, stage.velocity);
+        let p = stage.position;
+        let v = stage.velocity;
         state_now = [p[0], p[1], p[2], 0.0, 0.0, 0.0, v[0], v[1], v[2], 0.0, 0.0, 0.0];
         min = min.min(above(&state_now, t + 0.02));
         if min < 0.0 {

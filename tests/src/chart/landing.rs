@@ -21,7 +21,10 @@ const DASHES: [Option<(i32, i32)>; 3] = [None, Some((7, 4)), Some((2, 3))];
 
 /// Title of the chart of a trial.
 pub fn title(o: &Outcome) -> String {
-    let (sea, seed, planner, name) = (&o.sea, o.seed, &o.planner, o.outcome.name());
+    let sea = &o.sea;
+    let seed = o.seed;
+    let planner = &o.planner;
+    let name = o.outcome.name();
     let contact = o.position_error_m.zip(o.touchdown_speed_mps);
     let contact = contact.map_or(String::new(), |(off_m, speed_mps)| {
         format!(", {off_m:.2} m off the centre at {speed_mps:.2} m/s")
@@ -149,11 +152,13 @@ fn over_time(area: &Area<'_>, trace: &Trace, panel: &Panel<'_>, shared: bool) ->
 fn paths(area: &Area<'_>, trace: &Trace) -> Drawn {
     let path = || shown(trace, f64::INFINITY);
     let ends = || path().flat_map(|p| [p.drone, p.deck]);
-    let (east, north) = (range_of(ends().map(|p| p[1])), range_of(ends().map(|p| p[0])));
+    let east = range_of(ends().map(|p| p[1]));
+    let north = range_of(ends().map(|p| p[0]));
     let (w, h) = area.dim_in_pixel();
     let stretch = f64::from(w.saturating_sub(70)) / f64::from(h.saturating_sub(90).max(1));
     let half = ((east.end - east.start) / stretch).max(north.end - north.start) / 2.0;
-    let (ce, cn) = ((east.end + east.start) / 2.0, (north.end + north.start) / 2.0);
+    let ce = (east.end + east.start) / 2.0;
+    let cn = (north.end + north.start) / 2.0;
     let axes = Axes {
         caption: "path from above",
         names: ["east, m", "north, m"],

@@ -161,7 +161,9 @@ impl<M: Plain> Writer<M> for LockStepSender<M> {
     fn send(&mut self, message: &M) {
         if let Some(wrapper) = self.place.borrow_mut().as_mut() {
             let written = wrapper(message.at_ns(), vec![*message]);
-            written.into_iter().for_each(|m| self.put(m));
+            for m in written {
+                self.put(m);
+            }
         } else {
             self.put(*message);
         }

@@ -1,6 +1,6 @@
 //! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a delay.
 
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
 use alight_uav::camera::{CameraFrame, CameraIn, CameraSettings, GreyImage};
 
@@ -28,7 +28,7 @@ impl ImageDelay {
     }
     fn frames(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         shots: &[Shot],
         mut render: impl FnMut(&Shot) -> Option<GreyImage>,
     ) -> CameraIn {
@@ -135,7 +135,7 @@ impl SimulatedCameras {
         })
     }
     /// Returns the belly camera's images that have arrived by `t`; the exposures `shots` begin now.
-    pub fn belly(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
+    pub fn belly(&mut self, t: WorldTime, shots: &[Shot]) -> CameraIn {
         let Some(belly) = &mut self.belly else {
             return CameraIn::default();
         };
@@ -152,7 +152,7 @@ impl SimulatedCameras {
             night.meter(images, light);
         }
     }
-    pub fn ultraviolet(&mut self, t: Time<TrueTime>, shots: &[Shot]) -> CameraIn {
+    pub fn ultraviolet(&mut self, t: WorldTime, shots: &[Shot]) -> CameraIn {
         (self.ultraviolet.as_mut()).map_or_else(CameraIn::default, |(camera, delay)| {
             delay.frames(t, shots, |shot| camera.image(shot))
         })

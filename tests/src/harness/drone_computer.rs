@@ -31,7 +31,7 @@ use alight_shared::msg::{
 };
 use alight_shared::process::ProcessKind;
 use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime, VesselClock};
+use alight_shared::time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, WorldTime};
 use alight_shared::wire;
 use alight_uav::autopilot::AutopilotLink;
 use alight_uav::autopilot::receiver::ReceiverDecoder;
@@ -110,7 +110,7 @@ pub struct SimulatedDroneComputer {
     pub(super) handed_over: bool,
     kept: Republisher<LockStep>,
     pub(super) is_dead: bool,
-    stood_still_until: Time<TrueTime>,
+    stood_still_until: WorldTime,
     plans: DelayLine<Plan>,
     law: OwnReport,
     /// Predictor supplied by the caller, and its report.
@@ -221,7 +221,8 @@ impl SimulatedDroneComputer {
         let render = &scenario.sensors.render;
         let Ok(kept) = Republisher::join(&bus, CheckpointStore::default());
         let Ok(observer) = Observer::join(&bus);
-        let (law, predicted) = (OwnReport::default(), OwnReport::default());
+        let law = OwnReport::default();
+        let predicted = OwnReport::default();
         let own_predictor = nodes.predictor.as_ref();
         let own_predictor = own_predictor.map(|own| own.start(&made.drone, &predicted));
         let mut rows = DroneRows {
@@ -339,7 +340,8 @@ impl SimulatedDroneComputer {
         );
     }
     pub(super) fn kill_all(&mut self) {
-        (self.is_dead, self.rows) = (true, DroneRows::default());
+        self.is_dead = true;
+        self.rows = DroneRows::default();
         self.frozen.clear();
     }
     pub(super) fn start_all(
@@ -368,12 +370,16 @@ impl SimulatedDroneComputer {
     fn succeed(&mut self, new: SimulatedDroneComputer) {
         let before = core::mem::replace(self, new);
         *self.kept.store_mut() = before.kept.store().clone();
-        (self.radio, self.linked, self.handed_over) = (before.radio, before.linked, before.handed_over);
-        (self.ahead, self.apart) = (before.ahead, before.apart);
-        (self.mutant, self.spoiled) = (before.mutant, before.spoiled);
+        self.radio = before.radio;
+        self.linked = before.linked;
+        self.handed_over = before.handed_over;
+        self.ahead = before.ahead;
+        self.apart = before.apart;
+        self.mutant = before.mutant;
+        self.spoiled = before.spoiled;
     }
     /// Restarts the steady clock; checkpoints on disk are kept.
-    pub(super) fn restart_clock(&mut self, now: Time<DroneClock>, ahead: Span) {
+    pub(super) fn restart_clock(&mut self, now: DroneTime, ahead: Span) {
         self.kept.take(now);
         self.ahead = ahead;
         *self.kept.store_mut() = self.kept.store().lasting();
@@ -392,7 +398,9 @@ impl SimulatedDroneComputer {
         self.boots.insert(ProcessKind::Autopilot, self.boot);
         self.rows.autopilot = row(&self.bus, AutopilotLink::installed(&self.nodes, self.boot));
         if physics.starts_on_deck() {
-            self.linked.iter_mut().for_each(|l| l.autopilot.arm(false));
+            if let Some(l) = &mut self.linked {
+                l.autopilot.arm(false);
+            }
             // Prevents a second switch by the pilot.
             self.handed_over = true;
         }
@@ -445,10 +453,9 @@ impl SimulatedDroneComputer {
             self.receive_from_autopilot((t, now), physics, observer);
             self.sense((t, now), physics, observer);
             self.step_predictor((t, now), physics, foresight, observer);
-            self.plans
-                .arrived(t)
-                .iter()
-                .for_each(|plan| self.outside.plans.send(plan));
+            for plan in &self.plans.arrived(t) {
+                self.outside.plans.send(plan);
+            }
             self.step_mission((t, now), observer);
             self.step_planner((t, now), observer);
             self.step_pilot((t, now), observer);
@@ -473,29 +480,25 @@ impl SimulatedDroneComputer {
         }
         packets
     }
-    fn look(&mut self, now: Time<DroneClock>) {
-        let (t, o) = (now.nanos(), &mut self.observer);
+    fn look(&mut self, now: DroneTime) {
+        let t = now.nanos();
+        let o = &mut self.observer;
         // Messages are large and therefore copied only if new.
-        o.odometry
-            .newest(t)
-            .into_iter()
-            .for_each(|m| self.odometry = Some(m));
-        o.autopilot
-            .newest(t)
-            .into_iter()
-            .for_each(|m| self.autopilot_state = m);
-        o.forecast
-            .newest(t)
-            .into_iter()
-            .for_each(|m| self.forecast = Some(m));
-        o.mission
-            .newest(t)
-            .into_iter()
-            .for_each(|m| self.mission_state = m);
-        o.set_point
-            .newest(t)
-            .into_iter()
-            .for_each(|m| self.last_set_point = Some(m));
+        if let Some(m) = o.odometry.newest(t) {
+            self.odometry = Some(m);
+        }
+        if let Some(m) = o.autopilot.newest(t) {
+            self.autopilot_state = m;
+        }
+        if let Some(m) = o.forecast.newest(t) {
+            self.forecast = Some(m);
+        }
+        if let Some(m) = o.mission.newest(t) {
+            self.mission_state = m;
+        }
+        if let Some(m) = o.set_point.newest(t) {
+            self.last_set_point = Some(m);
+        }
     }
 
     pub(super) fn header(&self, physics: &mut Physics) -> Header<DroneClock> {
@@ -512,10 +515,11 @@ impl SimulatedDroneComputer {
     }
     /// Last reported time armed on the deck without an order, s.
     pub fn still_armed_s(&self) -> Option<f64> {
-        let (mission, armed) = (&self.mission_state, self.autopilot_state.armed);
+        let mission = &self.mission_state;
+        let armed = self.autopilot_state.armed;
         let disarm_s = self.nodes.autopilot.disarm.longest_s();
         still_armed_s(mission.header.at, mission, armed, disarm_s)
     }
 }
 
-type Moment = (Time<TrueTime>, Time<DroneClock>);
+type Moment = (WorldTime, DroneTime);

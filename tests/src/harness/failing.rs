@@ -119,7 +119,8 @@ impl VesselSensorFaults {
         held.heading = held.heading.filter(|_| heading);
         for m in readings.imu.iter_mut().filter(|_| imu) {
             let first = held.imu.get_or_insert(*m);
-            (m.gyro, m.accelerometer) = (first.gyro, first.accelerometer);
+            m.gyro = first.gyro;
+            m.accelerometer = first.accelerometer;
         }
         for m in readings.gnss.iter_mut().filter(|_| gnss) {
             let header = m.header;
@@ -133,10 +134,18 @@ impl VesselSensorFaults {
 }
 
 pub fn shift(readings: &mut Readings, by: Span) {
-    readings.imu.iter_mut().for_each(|m| m.header.at += by);
-    readings.gnss.iter_mut().for_each(|m| m.header.at += by);
-    readings.heading.iter_mut().for_each(|m| m.header.at += by);
-    readings.attitude.iter_mut().for_each(|m| m.header.at += by);
+    for m in &mut readings.imu {
+        m.header.at += by;
+    }
+    for m in &mut readings.gnss {
+        m.header.at += by;
+    }
+    for m in &mut readings.heading {
+        m.header.at += by;
+    }
+    for m in &mut readings.attitude {
+        m.header.at += by;
+    }
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -221,13 +230,16 @@ fn spoil_detections<M: Plain>(
     shift: fn(&mut M, &DetectionShift),
     spoil: fn(&DroneSensorFaults, &mut Vec<M>),
 ) {
-    let (now, mut drones) = (Rc::clone(faults), bus.receiver::<DroneState>());
+    let now = Rc::clone(faults);
+    let mut drones = bus.receiver::<DroneState>();
     let mut attitude = UnitQuaternion::identity();
     bus.wrap(row, BusSide::Written, move |now_ns, mut detections: Vec<M>| {
         attitude = drones.newest(now_ns).map_or(attitude, |d| d.attitude());
         let faults = now.borrow();
         let by = DetectionShift::of(&faults, &attitude);
-        detections.iter_mut().for_each(|m| shift(m, &by));
+        for m in &mut detections {
+            shift(m, &by);
+        }
         spoil(&faults, &mut detections);
         detections
     });
@@ -250,10 +262,9 @@ impl DetectionShift {
     }
     fn shift(&self, header: &mut Header<DroneClock>, position: &mut [f64; 3]) {
         header.at += self.late;
-        position
-            .iter_mut()
-            .zip(self.offset.iter())
-            .for_each(|(p, by)| *p += by);
+        for (p, by) in position.iter_mut().zip(self.offset.iter()) {
+            *p += by;
+        }
     }
 }
 

@@ -17,7 +17,7 @@ use std::collections::VecDeque;
 use alight_shared::frames::{Deck, DroneBody, body_rates, euler_rates, wrap_angle};
 use alight_shared::motion_model::FADE_S;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState, FORECAST_STAGES};
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{DroneTime, WorldTime};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::physics::{Physics, TICK};
@@ -39,7 +39,7 @@ pub(super) struct Foresight {
     ahead: Physics,
     /// One state per tick, from `from` on.
     states: VecDeque<RigidState<Deck>>,
-    from: Time<TrueTime>,
+    from: WorldTime,
 }
 
 impl Foresight {
@@ -57,7 +57,7 @@ impl Foresight {
         })
     }
     /// Extends the states so that they begin at `t`.
-    pub(super) fn look(&mut self, t: Time<TrueTime>) {
+    pub(super) fn look(&mut self, t: WorldTime) {
         while self.from < t && self.states.pop_front().is_some() {
             self.from += TICK;
         }
@@ -105,7 +105,7 @@ pub(super) struct OdometryError {
 
 impl OdometryError {
     /// `truth` is at `now`, `drone` at its time of measurement.
-    pub(super) fn of(drone: &DroneState, now: Time<DroneClock>, truth: &RigidState<DroneBody>) -> Self {
+    pub(super) fn of(drone: &DroneState, now: DroneTime, truth: &RigidState<DroneBody>) -> Self {
         let since = (now - drone.header.at).secs();
         let then = truth.velocity.0 - truth.acceleration.0 * since;
         let place = truth.position.0 - truth.velocity.0 * since;
@@ -169,7 +169,8 @@ impl Now {
         let fades = (-t / FADE_S).exp();
         let gone = FADE_S * (1.0 - fades);
         let off = |now: f64, wrong: f64, rate: f64, wrong_rate: f64| now - wrong + (rate - wrong_rate) * gone;
-        let (truth, first) = (&self.truth, &self.own);
+        let truth = &self.truth;
+        let first = &self.own;
         DeckStage {
             position: core::array::from_fn(|i| {
                 own.position[i]
@@ -205,7 +206,8 @@ fn mixed(own: &DeckStage, wanted: &DeckStage, config: &ForesightConfig) -> DeckS
     let has = |dof: Dof| f64::from(u8::from(config.dofs.is_empty() || config.dofs.contains(&dof)));
     let along = Vector3::new(has(Dof::Surge), has(Dof::Sway), has(Dof::Heave));
     let place = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] {
-        let (a, b) = (Vector3::from(a), Vector3::from(b));
+        let a = Vector3::from(a);
+        let b = Vector3::from(b);
         (a + heading * (heading.inverse() * (b - a)).component_mul(&along)).into()
     };
     let turns = [Dof::Roll, Dof::Pitch, Dof::Yaw].map(has);
@@ -246,7 +248,8 @@ mod tests {
             truth: stage(1.0),
             own: stage(1.2),
         };
-        let (own, truth) = (stage(2.0), stage(2.5));
+        let own = stage(2.0);
+        let truth = stage(2.5);
         let corrected = |part, t| now.corrected(part, &own, &truth, t);
         assert!(distance(&corrected(TruePart::Whole, 1.0), &truth) < 1e-12);
         assert!(
@@ -272,7 +275,8 @@ mod tests {
 
     #[test]
     fn true_degrees_of_freedom() {
-        let (own, truth) = (stage(2.0), stage(2.5));
+        let own = stage(2.0);
+        let truth = stage(2.5);
         let with = |dofs: &[Dof]| {
             let config = ForesightConfig {
                 dofs: dofs.to_vec(),

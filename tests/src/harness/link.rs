@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_uav::autopilot::AutopilotOut;
 use alight_uav::autopilot::message::{Address, MavCmd, MavMessage, MavlinkFrame, MavlinkMessage};
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -28,7 +28,7 @@ pub struct Wire {
     delay: Span,
     jitter: Span,
     noise: Noise,
-    under_way: VecDeque<(Time<TrueTime>, Vec<u8>)>,
+    under_way: VecDeque<(WorldTime, Vec<u8>)>,
     decoder: Decoder,
     encoder: Encoder,
 }
@@ -44,7 +44,7 @@ impl Wire {
             encoder: Encoder::default(),
         }
     }
-    pub fn send(&mut self, t: Time<TrueTime>, from: Address, message: &MavlinkMessage) {
+    pub fn send(&mut self, t: WorldTime, from: Address, message: &MavlinkMessage) {
         // Messages missing from the dialect are not sent.
         let Some(bytes) = self.encoder.frame(from, message) else {
             return;
@@ -57,7 +57,7 @@ impl Wire {
         self.under_way.push_back((arrival, bytes));
     }
     /// Frames received by `t`; none while the cable is disconnected (`cut`).
-    fn received(&mut self, t: Time<TrueTime>, cut: bool) -> Vec<MavlinkFrame> {
+    fn received(&mut self, t: WorldTime, cut: bool) -> Vec<MavlinkFrame> {
         let arrived = self.under_way.iter().take_while(|(at, _)| *at <= t).count();
         for (_, bytes) in self.under_way.drain(..arrived).filter(|_| !cut) {
             self.decoder.push(&bytes);
@@ -98,9 +98,12 @@ impl LinkedAutopilot {
         }
     }
     pub(super) fn fail(&mut self, failing: &Failing) {
-        let (faults, autopilot) = (&failing.autopilot, &mut self.autopilot);
-        (self.cut, self.weak) = (faults.cut, failing.weak);
-        (autopilot.silent, autopilot.answer) = (faults.silent, faults.answer);
+        let faults = &failing.autopilot;
+        let autopilot = &mut self.autopilot;
+        self.cut = faults.cut;
+        self.weak = failing.weak;
+        autopilot.silent = faults.silent;
+        autopilot.answer = faults.answer;
         autopilot.muted.clone_from(&faults.muted);
         autopilot.battery_reported = !faults.no_battery;
         let [charge, _] = autopilot.battery_report.unwrap_or([autopilot.battery, 0.0]);
@@ -126,10 +129,10 @@ impl LinkedAutopilot {
         }
         motors.map(|motors| weakened(self.weak, motors).map(|m| m / (1.0 - self.lighter)))
     }
-    pub fn received(&mut self, t: Time<TrueTime>) -> Vec<MavlinkFrame> {
+    pub fn received(&mut self, t: WorldTime) -> Vec<MavlinkFrame> {
         self.up.received(t, self.cut)
     }
-    pub fn send(&mut self, t: Time<TrueTime>, out: &AutopilotOut) {
+    pub fn send(&mut self, t: WorldTime, out: &AutopilotOut) {
         for message in &out.messages {
             self.commanded += u32::from(commands(message));
             self.down.send(t, out.from, message);

@@ -11,7 +11,7 @@ use alight_shared::msg::{
 };
 use alight_shared::plain::Plain;
 use alight_shared::process::ProcessKind::{self, Autopilot, Bridge, Mission, Pilot};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use alight_uav::computer::PROCESSES;
 use serde::Serialize;
 
@@ -72,11 +72,14 @@ impl Mutant {
             Mutant::OrderKept => order_kept(bus),
             Mutant::StopsByRange => stops_by_range(bus),
             Mutant::StaleForecast => never_old(bus, |f: &mut DeckForecast, now| {
-                (f.header.at, f.radio_age_s, f.vision_age_s) = (now, 0.0, 0.0);
+                f.header.at = now;
+                f.radio_age_s = 0.0;
+                f.vision_age_s = 0.0;
             }),
             Mutant::StaleMission => never_old(bus, |m: &mut MissionState, now| m.header.at = now),
             Mutant::FramesIgnored => each_written(bus, Autopilot, |m: &mut DroneState| {
-                (m.frames, m.heading_jumps) = (0, 0.0);
+                m.frames = 0;
+                m.heading_jumps = 0.0;
             }),
             Mutant::ThrustMissing => each_written(bus, Autopilot, |m: &mut AutopilotState| {
                 m.thrust = m.thrust.or(Some(0.0));
@@ -85,8 +88,9 @@ impl Mutant {
                 m.battery = Some(1.0);
             }),
             Mutant::TwoOwners => bus.wrap(Mission, BusSide::Read, move |now_ns, mut read: Vec<Grant>| {
-                read.iter_mut()
-                    .for_each(|grant| *grant = own(grant, drone, now_ns));
+                for grant in &mut read {
+                    *grant = own(grant, drone, now_ns);
+                }
                 read
             }),
             Mutant::DeckReleased => deck_released(bus, drone),
@@ -110,7 +114,8 @@ type Grant = DeckGrant<DroneClock>;
 /// Grant rewritten as a new grant to this drone.
 fn own(grant: &Grant, drone: u32, now_ns: i64) -> Grant {
     let mut own = *grant;
-    (own.owner, own.header.at) = (drone, Time::from_nanos(now_ns));
+    own.owner = drone;
+    own.header.at = Time::from_nanos(now_ns);
     own
 }
 
@@ -122,12 +127,14 @@ fn each_written<M: Plain>(bus: &LockStep, row: ProcessKind, change: impl Fn(&mut
 }
 
 /// Renews the stamps of messages that a row reads; without a new message the row reads the last one again.
-fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, Time<DroneClock>)) {
+fn never_old<M: Plain>(bus: &LockStep, renew: fn(&mut M, DroneTime)) {
     for row in PROCESSES {
         let mut last = None;
         bus.wrap(*row, BusSide::Read, move |now_ns, read: Vec<M>| {
             last = read.last().copied().or(last);
-            last.iter_mut().for_each(|m| renew(m, Time::from_nanos(now_ns)));
+            if let Some(m) = &mut last {
+                renew(m, Time::from_nanos(now_ns));
+            }
             last.into_iter().collect()
         });
     }
@@ -138,7 +145,8 @@ fn by_state<M: Plain>(
     (row, way): (ProcessKind, BusSide),
     mut change: impl FnMut(i64, Vec<M>, State) -> Vec<M> + 'static,
 ) {
-    let (mut missions, mut state) = (bus.receiver::<MissionState>(), State::default());
+    let mut missions = bus.receiver::<MissionState>();
+    let mut state = State::default();
     bus.wrap(row, way, move |now_ns, messages| {
         state = missions.newest(now_ns).map_or(state, |m| m.state);
         change(now_ns, messages, state)
@@ -186,7 +194,9 @@ fn stops_by_range(bus: &LockStep) {
         move |now_ns, mut written: Vec<SetPoint>, state| {
             let low = ranges.all(now_ns).iter().any(|r| r.range_m < STOPS_BELOW_M);
             if low && goes_down(state) {
-                written.iter_mut().for_each(|s| s.motors = Motors::Stop);
+                for s in &mut written {
+                    s.motors = Motors::Stop;
+                }
             }
             written
         },

@@ -2,7 +2,7 @@
 
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;
@@ -13,13 +13,13 @@ pub trait WorldObserver {
     /// (NED, direction towards which it blows, m/s).
     fn truth(
         &mut self,
-        _t: Time<TrueTime>,
+        _t: WorldTime,
         _vessel: &RigidState<VesselBody>,
         _drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
     }
     /// Step of a row of the vessel or the first drone, in the order of the data flow.
-    fn step(&mut self, _t: Time<TrueTime>, _step: &Step<'_>) {}
+    fn step(&mut self, _t: WorldTime, _step: &Step<'_>) {}
 }
 
 pub struct NoObserver;

@@ -316,7 +316,8 @@ impl Judge {
     }
 
     fn touch(&mut self, o: &TrialObservation<'_>, touch: &ContactEvent, half_deck: [f64; 2]) {
-        let (normal, tangential) = (touch.normal_mps, touch.tangential_mps);
+        let normal = touch.normal_mps;
+        let tangential = touch.tangential_mps;
         let mut unsafe_contact = true;
         if !touch.foot {
             self.fail(

@@ -13,7 +13,7 @@ use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_a
 use alight_shared::geodesy::Datum;
 use alight_shared::msg::{Header, MissionState, Seq, State};
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime, VesselClock};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time, VesselTime, WorldTime};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
@@ -70,7 +70,8 @@ impl Plant {
             boot: BOOT,
             clock: Clocks::new(&scenario.sensors.clocks, &streams).drone,
         };
-        let (drone, deck) = (&scenario.airframe, &scenario.deck);
+        let drone = &scenario.airframe;
+        let deck = &scenario.deck;
         Plant {
             identity,
             sensors: DroneSensors::new(&scenario.sensors, drone, deck, place, identity, &streams),
@@ -85,7 +86,7 @@ impl Plant {
             collisions: 0,
         }
     }
-    fn header(&mut self, t: Time<TrueTime>) -> Header<DroneClock> {
+    fn header(&mut self, t: WorldTime) -> Header<DroneClock> {
         self.sequence += 1;
         self.identity.header(self.sequence, t)
     }
@@ -93,7 +94,7 @@ impl Plant {
     /// deck likewise; contact is with the nearer of the two.
     fn advance(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         exchanges: u32,
         own: &[RigidState<Deck>; 2],
         other: Option<&[RigidState<Deck>; 2]>,
@@ -126,8 +127,8 @@ impl Plant {
 
 /// Truth and sensors. Drones are numbered from 0; methods return None for an unknown drone.
 pub struct Physics {
-    t: Time<TrueTime>,
-    started: Time<TrueTime>,
+    t: WorldTime,
+    started: WorldTime,
     sea: Sea,
     carrier: DeckCarrier,
     neighbour: Option<Neighbour>,
@@ -213,7 +214,8 @@ impl Physics {
             let c = &self.scenario.place;
             let mut draw = Noise::new(&plant.streams, "drone.origin");
             let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
-            let (distance, height) = (between(c.origin_m), between(c.origin_height_m));
+            let distance = between(c.origin_m);
+            let height = between(c.origin_height_m);
             let (south, west) = between([0.0, TAU]).sin_cos();
             let from = Vector::<TrueNed>::new(
                 position.x - distance * south,
@@ -231,7 +233,8 @@ impl Physics {
             let to_deg = wind_to_deg(&self.streams);
             config.wind.to_deg.get_or_insert(to_deg);
         }
-        let (drone, deck) = (&self.scenario.airframe, &self.scenario.deck);
+        let drone = &self.scenario.airframe;
+        let deck = &self.scenario.deck;
         let start = DroneStart { position, yaw };
         plant.drone = Some(SimulatedDrone::new(
             &config,
@@ -241,7 +244,8 @@ impl Physics {
             &plant.streams,
             start,
         ));
-        (plant.in_water, plant.motors_on) = (false, true);
+        plant.in_water = false;
+        plant.motors_on = true;
         if self.scenario.start.on_deck {
             let deck = self.deck();
             if let Some(drone) = self.drones.get_mut(k).and_then(|p| p.drone.as_mut()) {
@@ -267,11 +271,9 @@ impl Physics {
     pub fn autopilot(&self, k: usize) -> Option<(&AutopilotConfig, SimulatedAutopilot)> {
         let plant = self.drones.get(k)?;
         let drone = plant.drone.as_ref()?;
-        let (c, state, hover) = (
-            &self.scenario.drone,
-            drone.plant_state(self.t),
-            drone.hover_thrust(),
-        );
+        let c = &self.scenario.drone;
+        let state = drone.plant_state(self.t);
+        let hover = drone.hover_thrust();
         let geometry = &self.scenario.airframe;
         let mut autopilot = SimulatedAutopilot::new(
             &c.autopilot,
@@ -301,14 +303,21 @@ impl Physics {
     pub fn receive_rtcm(&mut self, k: usize, bytes: &[u8]) {
         let t = self.t;
         let plant = self.drones.get_mut(k).into_iter();
-        plant.for_each(|p| p.sensors.receive_rtcm(t, bytes));
+        for p in plant {
+            p.sensors.receive_rtcm(t, bytes);
+        }
     }
     pub fn fail_moving_base(&mut self, faults: MovingBaseFaults) {
         let first = self.drones.first_mut().into_iter();
-        first.for_each(|p| p.sensors.fail_moving_base(faults));
+        for p in first {
+            p.sensors.fail_moving_base(faults);
+        }
     }
     pub fn drone_readings(&mut self, k: usize) -> Option<DroneReadings> {
-        let (t, deck, sea, lift) = (self.t, self.deck(), &self.sea, self.carrier.water_lift());
+        let t = self.t;
+        let deck = self.deck();
+        let sea = &self.sea;
+        let lift = self.carrier.water_lift();
         let neighbour = self.neighbour_deck();
         let plant = self.drones.get_mut(k)?;
         let truth = plant.truth()?;
@@ -338,10 +347,14 @@ impl Physics {
         exchanges: u32,
         mut motors: impl FnMut(usize, &PlantState) -> Option<[f64; MAX_ROTORS]>,
     ) {
-        let (t, before, lift) = (self.t, self.deck(), self.carrier.water_lift());
+        let t = self.t;
+        let before = self.deck();
+        let lift = self.carrier.water_lift();
         let other_before = self.neighbour_deck();
         self.carrier.step(t, TICK.secs(), &self.sea);
-        self.neighbour.iter_mut().for_each(|n| n.step(t, TICK));
+        if let Some(n) = &mut self.neighbour {
+            n.step(t, TICK);
+        }
         let deck = [before, self.deck()];
         let other = other_before.zip(self.neighbour_deck()).map(|(a, b)| [a, b]);
         for k in 0..self.drones.len() {
@@ -399,10 +412,10 @@ impl Physics {
         self.drones.get_mut(k).map(|p| p.header(t)).unwrap_or_default()
     }
     /// Time at which the drones appear.
-    pub fn hover_from(&self) -> Time<TrueTime> {
+    pub fn hover_from(&self) -> WorldTime {
         self.started - Span::from_secs(self.scenario.start.hover_s)
     }
-    pub fn started(&self) -> Time<TrueTime> {
+    pub fn started(&self) -> WorldTime {
         self.started
     }
     /// Time since the command to land.
@@ -412,19 +425,19 @@ impl Physics {
     pub fn starts_on_deck(&self) -> bool {
         self.scenario.start.on_deck
     }
-    pub fn now(&self) -> Time<TrueTime> {
+    pub fn now(&self) -> WorldTime {
         self.t
     }
     pub fn vessel_clock(&self) -> ClockModel {
         self.vessel_clock
     }
-    pub fn vessel_now(&self) -> Time<VesselClock> {
+    pub fn vessel_now(&self) -> VesselTime {
         self.vessel_clock.read(self.t)
     }
     pub fn drone_clock(&self, k: usize) -> ClockModel {
         self.drones.get(k).map_or(self.vessel_clock, |p| p.identity.clock)
     }
-    pub fn drone_now(&self, k: usize) -> Time<DroneClock> {
+    pub fn drone_now(&self, k: usize) -> DroneTime {
         self.drone_clock(k).read(self.t)
     }
     pub fn streams(&self) -> &Streams {
@@ -482,7 +495,8 @@ impl Physics {
 
     fn feet(&self, drone: &RigidState<DroneBody>, deck: &RigidState<Deck>) -> [[f64; 3]; 4] {
         let g = &self.scenario.airframe;
-        let (x, y) = (g.feet_span_m[0] / 2.0, g.feet_span_m[1] / 2.0);
+        let x = g.feet_span_m[0] / 2.0;
+        let y = g.feet_span_m[1] / 2.0;
         [[x, y], [x, -y], [-x, y], [-x, -y]].map(|[x, y]| {
             let foot = drone.at::<DroneBody>(Vector3::new(x, y, g.feet_below_m)).position;
             let d = deck.attitude.inverse() * (foot - deck.position);
@@ -495,7 +509,8 @@ impl Physics {
     }
     /// Input of the judge; `mission` is the drone's newest mission state.
     pub fn observation(&self, k: usize, mission: &MissionState) -> TrialObservation<'_> {
-        let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
+        let deck = self.deck();
+        let drone = self.drone(k).unwrap_or_default();
         let plant = self.drones.get(k);
         let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         let cos_tilt = deck.attitude.down().dot(&drone.attitude.down());
@@ -520,7 +535,8 @@ impl Physics {
     }
 
     pub fn trace_point(&self, k: usize) -> TracePoint {
-        let (deck, drone) = (self.deck(), self.drone(k).unwrap_or_default());
+        let deck = self.deck();
+        let drone = self.drone(k).unwrap_or_default();
         let feet = self.feet(&drone, &deck);
         let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         TracePoint {

@@ -189,7 +189,8 @@ impl Scenario {
         self.deck = places.deck(&self.deck);
         nodes.vessel.deck = places.deck(&nodes.vessel.deck);
         nodes.drone.deck = places.deck(&nodes.drone.deck);
-        let (antenna, imu) = (places.antenna.body(), places.imu.body());
+        let antenna = places.antenna.body();
+        let imu = places.imu.body();
         self.sensors.vessel_gnss.antenna_m = antenna;
         nodes.vessel.gnss.antenna_m = antenna;
         self.sensors.vessel_imu.lever_arm_m = imu;
@@ -198,7 +199,8 @@ impl Scenario {
     }
     /// Sets the deck, the obstacles around it and the drone of the world to these configurations.
     pub fn describe(&mut self, deck: &DeckGeometry, around: &SurroundingsConfig, drone: &DroneGeometry) {
-        (self.deck, self.airframe) = (*deck, *drone);
+        self.deck = *deck;
+        self.airframe = *drone;
         self.keep_out_m = around.keep_out_m.clone();
         // Clamped to the simulated autopilot's range.
         self.drone.autopilot.attitude_lag_s = Some(drone.attitude_lag_s.clamp(0.08, 1.0));

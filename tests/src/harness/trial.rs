@@ -80,7 +80,8 @@ pub fn land(
 ) -> FlownTrial {
     world.warm_up(observer);
     world.command(CommandKind::Land);
-    let (mut rig, mut faults) = (Rig::of(world, scenario, nodes), Schedule::new(&scenario.faults));
+    let mut rig = Rig::of(world, scenario, nodes);
+    let mut faults = Schedule::new(&scenario.faults);
 
     let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
     let mut judge = Judge::default();
@@ -101,7 +102,8 @@ pub fn land(
         let mission = world.mission_state();
         if mission.state != state {
             state = mission.state;
-            let (name, reason) = (state.name(), mission.entered);
+            let name = state.name();
+            let reason = mission.entered;
             (watch.on_event)(&Event::Phase { t_s, name, reason });
             if state == State::Descent {
                 odds = [mission.likelihood, mission.harm];

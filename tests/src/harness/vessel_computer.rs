@@ -15,7 +15,7 @@ use alight_shared::bus::Writer as _;
 use alight_shared::msg::{CrewOrder, DeckOrder, Header};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
-use alight_shared::time::{Span, Time, TrueTime, VesselClock};
+use alight_shared::time::{Span, VesselTime, WorldTime};
 use alight_usv::computer::{PROCESSES, VesselNodes, VesselRows};
 use alight_usv::deck::MAX_DRONES;
 use alight_usv::sensors::{
@@ -55,7 +55,7 @@ struct SensorEdge {
 
 impl SensorEdge {
     /// Delays readings measured at `t`, and returns those that arrive at `t`.
-    fn arrived(&mut self, t: Time<TrueTime>, mut measured: Readings) -> Readings {
+    fn arrived(&mut self, t: WorldTime, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
         if self.faults.late_s <= 0.0 && self.late.is_empty() {
             return measured;
@@ -116,7 +116,9 @@ impl VesselSide {
             waiting: ComputerIn::default(),
             bus,
         };
-        PROCESSES.iter().for_each(|process| side.start(*process));
+        for process in PROCESSES {
+            side.start(*process);
+        }
         side
     }
     fn start(&mut self, process: ProcessKind) {
@@ -133,7 +135,7 @@ impl VesselSide {
     pub(super) fn vessel(&self) -> Option<&VesselComputer> {
         self.rows.vessel.as_ref().map(|row| &row.node)
     }
-    pub(super) fn order(&mut self, now: Time<VesselClock>, order: DeckOrder) {
+    pub(super) fn order(&mut self, now: VesselTime, order: DeckOrder) {
         self.ordered += 1;
         let header = Header::new(VESSEL_ID, 0, self.ordered, 0, now);
         self.orders.send(&CrewOrder { header, order });
@@ -146,7 +148,7 @@ impl VesselSide {
     /// shows the steps to `look`. `ahead` is the lead of the steady clock over its simulated clock model.
     pub(super) fn tick(
         &mut self,
-        (t, now, ahead): (Time<TrueTime>, Time<VesselClock>, Span),
+        (t, now, ahead): (WorldTime, VesselTime, Span),
         (measured, rtcm): Measured,
         mut received: ComputerIn,
         mut look: impl FnMut(&Step<'_>),
@@ -192,9 +194,10 @@ impl VesselSide {
 pub fn sources(scenario: &Scenario, nodes: &NodeConfigs) -> SourcesConfig {
     let s = &scenario.sensors;
     let mut sources = s.sources(nodes.vessel.deck.centre_m);
-    let given: Vec<_> = match scenario.place.among.is_empty() {
-        true => sources.drain(..DEVICES).collect(),
-        false => Vec::new(),
+    let given: Vec<_> = if scenario.place.among.is_empty() {
+        sources.drain(..DEVICES).collect()
+    } else {
+        Vec::new()
     };
     let attitude_s = s.vessel_attitude.as_ref().map(|a| in_ticks_s(a.latency_s));
     let soonest_s = given

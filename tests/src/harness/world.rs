@@ -22,7 +22,7 @@ use alight_shared::admission::{Arrival, Sender};
 use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
 use alight_shared::process::ProcessKind;
 use alight_shared::radio::{RadioEnd, RadioTopic};
-use alight_shared::time::{Span, Time, TrueTime, VesselClock};
+use alight_shared::time::{Span, Time, VesselTime, WorldTime};
 use alight_usv::deck::DeckInputs;
 use alight_usv::{ComputerIn, ComputerOut};
 use core::f64::consts::TAU;
@@ -109,8 +109,9 @@ impl World {
         }
         self.vessel.fail(failing);
         self.physics.fail_moving_base(failing.moving_base);
-        (self.clock_rates, self.wanted_push, self.wake_nm) =
-            (failing.clock_rates, failing.push, failing.wake_nm);
+        self.clock_rates = failing.clock_rates;
+        self.wanted_push = failing.push;
+        self.wake_nm = failing.wake_nm;
     }
     /// Runs the vessel until the start; the drones appear shortly before it.
     pub fn warm_up(&mut self, observer: &mut dyn WorldObserver) {
@@ -132,14 +133,18 @@ impl World {
     }
 
     pub fn command(&mut self, kind: CommandKind) {
-        (0..self.drones.len()).for_each(|k| self.command_to(k, kind));
+        for k in 0..self.drones.len() {
+            self.command_to(k, kind);
+        }
     }
     pub fn command_to(&mut self, k: usize, kind: CommandKind) {
         self.drones[k].command(kind, &mut self.physics);
     }
     /// Removes a fraction of the first drone's weight.
     pub fn lighten(&mut self, fraction: f64) {
-        self.linked(0).into_iter().for_each(|l| l.lighten(fraction));
+        if let Some(l) = self.linked(0) {
+            l.lighten(fraction);
+        }
     }
     /// Enables reports, grants and relayed commands for a single drone, too.
     pub fn set_deck_shared(&mut self) {
@@ -177,7 +182,9 @@ impl World {
     /// Places a drone on a pad at its current position, as landed and disarmed by a pilot.
     pub fn stand_on_pad(&mut self, k: usize) {
         self.physics.stand_on_pad(k);
-        self.linked(k).into_iter().for_each(|l| l.autopilot.arm(false));
+        if let Some(l) = self.linked(k) {
+            l.autopilot.arm(false);
+        }
     }
     pub fn linked(&mut self, k: usize) -> Option<&mut LinkedAutopilot> {
         self.drones[k].linked.as_mut()
@@ -204,7 +211,8 @@ impl World {
     }
     /// Restarts a drone's steady clock, as a reboot does; only checkpoints on disk remain.
     pub fn restart_clock(&mut self, k: usize) {
-        let (now, drone) = (self.physics.drone_now(k), &mut self.drones[k]);
+        let now = self.physics.drone_now(k);
+        let drone = &mut self.drones[k];
         let ahead = Time::EPOCH - now + Span::from_secs(BOOT_S);
         drone.restart_clock(now + drone.ahead, ahead);
     }
@@ -265,7 +273,9 @@ impl World {
         self.broadcast(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
-        self.foresight.iter_mut().for_each(|f| f.look(t));
+        if let Some(f) = &mut self.foresight {
+            f.look(t);
+        }
         let foresight = self.foresight.as_ref();
         for (k, drone) in self.drones.iter_mut().enumerate() {
             match k {
@@ -289,7 +299,7 @@ impl World {
         }
     }
     /// Applies the load on the vessel, which builds up gradually, and the moment of another ship's wake.
-    fn push_vessel(&mut self, t: Time<TrueTime>) {
+    fn push_vessel(&mut self, t: WorldTime) {
         for (force, wanted) in self.push.iter_mut().zip(self.wanted_push) {
             *force += (wanted - *force) * TICK.secs() / PUSH_RISE_S;
         }
@@ -297,7 +307,7 @@ impl World {
         push[3] += self.wake_nm * (TAU / WAKE_S * t.secs()).sin();
         self.physics.push(push);
     }
-    fn broadcast(&mut self, t: Time<TrueTime>, output: &ComputerOut) {
+    fn broadcast(&mut self, t: WorldTime, output: &ComputerOut) {
         let with_deck = self.is_deck_shared;
         if let Some(grant) = output.grant.filter(|_| with_deck) {
             self.deck_owner = grant.owner;
@@ -318,7 +328,7 @@ impl World {
         });
     }
 
-    fn receive_at_vessel(&mut self, t: Time<TrueTime>, input: &mut ComputerIn) {
+    fn receive_at_vessel(&mut self, t: WorldTime, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
             let sender = Sender::Drone(DRONE_ID + drone.k as u32);
@@ -334,7 +344,7 @@ impl World {
         }
     }
 
-    fn vessel_now(&self) -> Time<VesselClock> {
+    fn vessel_now(&self) -> VesselTime {
         self.physics.vessel_now() + self.vessel_ahead
     }
     pub fn physics(&self) -> &Physics {

@@ -33,7 +33,8 @@ impl<B: Frame> RigidState<B> {
     /// State of the point at `lever_arm` (body frame, m), expressed in the parallel axes `P`: `v = v0 + w x
     /// r`, `a = a0 + dw x r + w x (w x r)`.
     pub fn at<P>(&self, lever_arm: Vector3<f64>) -> RigidState<P> {
-        let (w, dw) = (self.rates.0, self.angular_acceleration.0);
+        let w = self.rates.0;
+        let dw = self.angular_acceleration.0;
         let turn = |v: Vector3<f64>| self.attitude * Vector::<B>::from(v);
         RigidState {
             position: self.position + turn(lever_arm),
@@ -55,7 +56,9 @@ impl<B: Frame> RigidState<B> {
 pub fn body_motion(roll: &Jet, pitch: &Jet, yaw: &Jet) -> (Vector3<f64>, Vector3<f64>) {
     let (sr, cr) = roll.y.sin_cos();
     let (sp, cp) = pitch.y.sin_cos();
-    let (r, p, y) = (roll.d, pitch.d, yaw.d);
+    let r = roll.d;
+    let p = pitch.d;
+    let y = yaw.d;
     (
         Vector3::new(r - sp * y, cr * p + sr * cp * y, -sr * p + cr * cp * y),
         Vector3::new(

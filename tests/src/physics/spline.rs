@@ -9,7 +9,9 @@ pub struct Jet {
 impl Jet {
     /// `(1 - b) a + b c`, where the weight `b` is a jet.
     pub fn blend(a: Jet, c: Jet, b: Jet) -> Jet {
-        let (y, d, dd) = (c.y - a.y, c.d - a.d, c.dd - a.dd);
+        let y = c.y - a.y;
+        let d = c.d - a.d;
+        let dd = c.dd - a.dd;
         Jet {
             y: a.y + b.y * y,
             d: a.d + b.d * y + b.y * d,
@@ -54,7 +56,8 @@ impl<const N: usize> Splines<N> {
         let mut m = vec![[0.0; N]; n];
         let mut upper = vec![0.0; n];
         for i in 1..n - 1 {
-            let (h0, h1) = (x[i] - x[i - 1], x[i + 1] - x[i]);
+            let h0 = x[i] - x[i - 1];
+            let h1 = x[i + 1] - x[i];
             let pivot = 2.0 * (h0 + h1) - h0 * upper[i - 1];
             upper[i] = h1 / pivot;
             for c in 0..N {
@@ -80,10 +83,13 @@ impl<const N: usize> Splines<N> {
         let at = at.clamp(low, high);
         let i = self.x.partition_point(|x| *x <= at).clamp(1, self.x.len() - 1) - 1;
         let h = self.x[i + 1] - self.x[i];
-        let (b, a) = ((at - self.x[i]) / h, (self.x[i + 1] - at) / h);
+        let b = (at - self.x[i]) / h;
+        let a = (self.x[i + 1] - at) / h;
         core::array::from_fn(|c| {
-            let (y0, y1) = (self.y[i][c], self.y[i + 1][c]);
-            let (m0, m1) = (self.m[i][c], self.m[i + 1][c]);
+            let y0 = self.y[i][c];
+            let y1 = self.y[i + 1][c];
+            let m0 = self.m[i][c];
+            let m1 = self.m[i + 1][c];
             Jet {
                 y: a * y0 + b * y1 + ((a * a * a - a) * m0 + (b * b * b - b) * m1) * h * h / 6.0,
                 d: (y1 - y0) / h + ((1.0 - 3.0 * a * a) * m0 + (3.0 * b * b - 1.0) * m1) * h / 6.0,
@@ -109,7 +115,9 @@ mod tests {
         }
         for i in 10..1900 {
             let t = f64::from(i) * 0.01;
-            let (l, m, r) = (s.at(t - 1e-4)[0], s.at(t)[0], s.at(t + 1e-4)[0]);
+            let l = s.at(t - 1e-4)[0];
+            let m = s.at(t)[0];
+            let r = s.at(t + 1e-4)[0];
             assert!(((r.y - l.y) / 2e-4 - m.d).abs() < 1e-5);
             assert!(((r.d - l.d) / 2e-4 - m.dd).abs() < 1e-2);
             assert!((m.y - t.sin()).abs() < 1e-3, "{t}");
@@ -120,11 +128,9 @@ mod tests {
     fn smooth_step_derivatives() {
         for i in -50..150 {
             let x = f64::from(i) * 0.02;
-            let (l, m, r) = (
-                smooth_step(x - 1e-5, 2.0),
-                smooth_step(x, 2.0),
-                smooth_step(x + 1e-5, 2.0),
-            );
+            let l = smooth_step(x - 1e-5, 2.0);
+            let m = smooth_step(x, 2.0);
+            let r = smooth_step(x + 1e-5, 2.0);
             assert!(((r.y - l.y) / 2e-5 - m.d).abs() < 1e-4);
             assert!(((r.d - l.d) / 2e-5 - m.dd).abs() < 1e-3);
         }

@@ -118,7 +118,9 @@ impl TryRng for Stream {
     fn try_fill_bytes(&mut self, bytes: &mut [u8]) -> Result<(), Infallible> {
         for part in bytes.chunks_mut(8) {
             let random = self.next_u64().to_le_bytes();
-            part.iter_mut().zip(random).for_each(|(b, r)| *b = r);
+            for (b, r) in part.iter_mut().zip(random) {
+                *b = r;
+            }
         }
         Ok(())
     }
@@ -154,7 +156,8 @@ mod tests {
     #[test]
     fn moves_of_the_one_stream_by_their_own_numbers() {
         let moved = Streams::new(7).moved(3, 3);
-        let (mut sea, mut wind) = (moved.stream("sea"), moved.stream("wind"));
+        let mut sea = moved.stream("sea");
+        let mut wind = moved.stream("wind");
         assert_ne!(sea.next_u64(), wind.next_u64());
         assert_eq!(moved.stream("sea").next_u64(), moved.stream("sea").next_u64());
         assert_ne!(

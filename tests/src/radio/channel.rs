@@ -3,7 +3,7 @@
 //! Effects in order: the sender's queue and rate, outages, random loss, bursts of loss (Gilbert 1960, Elliott
 //! 1963), duplication, delay with jitter.
 
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 
 use serde::{Deserialize, Serialize};
 
@@ -62,11 +62,11 @@ pub struct RadioChannel {
     noise: Noise,
     bursts: Noise,
     in_burst: bool,
-    last_sent: Option<Time<TrueTime>>,
-    outage: Option<[Time<TrueTime>; 2]>,
+    last_sent: Option<WorldTime>,
+    outage: Option<[WorldTime; 2]>,
     fault: ChannelFault,
-    idle_at: Time<TrueTime>,
-    last_arrival: Time<TrueTime>,
+    idle_at: WorldTime,
+    last_arrival: WorldTime,
     counts: ChannelCounts,
 }
 
@@ -112,13 +112,12 @@ impl RadioChannel {
     }
 
     /// Arrival times of a packet sent at `t`, and of its duplicate.
-    pub fn send(&mut self, t: Time<TrueTime>, bytes: usize) -> [Option<Time<TrueTime>>; 2] {
+    pub fn send(&mut self, t: WorldTime, bytes: usize) -> [Option<WorldTime>; 2] {
         // Every packet makes all draws, so that an outage does not change the fate of later packets.
-        let (lost, twice) = (
-            self.noise.chance(self.config.loss),
-            self.noise.chance(self.config.duplicate),
-        );
-        let (first, second) = (self.delay(), self.delay());
+        let lost = self.noise.chance(self.config.loss);
+        let twice = self.noise.chance(self.config.duplicate);
+        let first = self.delay();
+        let second = self.delay();
         let in_burst = self.burst(t);
         self.counts.sent += 1;
         self.counts.sent_bytes += bytes as u64;
@@ -152,7 +151,7 @@ impl RadioChannel {
     }
     /// Loses all packets sent in the window `[from, until)`; packets in transit arrive. Later calls do not
     /// change the window.
-    pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+    pub fn set_outage(&mut self, window: [WorldTime; 2]) {
         self.outage = Some(self.outage.unwrap_or(window));
     }
     pub const fn counts(&self) -> ChannelCounts {
@@ -165,7 +164,7 @@ impl RadioChannel {
     /// Whether this packet is lost in a burst: a Markov chain with two states, one step per packet. A burst
     /// lasts `1 / r` packets on average; the fraction `p / (p + r)` of all packets is lost in bursts. Without
     /// traffic the chain advances every [`BURST_STEP_S`], so that a fade ends even if the sender backs off.
-    fn burst(&mut self, t: Time<TrueTime>) -> bool {
+    fn burst(&mut self, t: WorldTime) -> bool {
         let fraction = self.config.burst_loss;
         if fraction <= 0.0 {
             return false;
@@ -186,7 +185,7 @@ impl RadioChannel {
     }
 
     /// Departure time of the packet's last bit; None if the queue is full.
-    fn transmit(&mut self, t: Time<TrueTime>, bytes: usize) -> Option<Time<TrueTime>> {
+    fn transmit(&mut self, t: WorldTime, bytes: usize) -> Option<WorldTime> {
         let rate = self.config.rate_bps;
         if rate <= 0.0 {
             return Some(t);
@@ -201,7 +200,7 @@ impl RadioChannel {
         Some(self.idle_at)
     }
 
-    fn in_order(&mut self, arrival: Time<TrueTime>) -> Time<TrueTime> {
+    fn in_order(&mut self, arrival: WorldTime) -> WorldTime {
         if !self.config.keep_order {
             return arrival;
         }
@@ -290,7 +289,8 @@ mod tests {
             burst_packets: 4.0,
             ..random.clone()
         };
-        let (a, b) = (fates(&random, 50_000, 0.01, 300), fates(&both, 50_000, 0.01, 300));
+        let a = fates(&random, 50_000, 0.01, 300);
+        let b = fates(&both, 50_000, 0.01, 300);
         assert!(a.iter().zip(&b).all(|(a, b)| a.is_some() || b.is_none()));
         let fraction = b.iter().filter(|f| f.is_none()).count() as f64 / 50_000.0;
         assert!((fraction - 0.19).abs() < 0.012, "{fraction}");

@@ -8,7 +8,7 @@ pub mod session;
 pub mod stream;
 
 use alight_shared::config;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use serde::{Deserialize, Serialize};
 
 use crate::physics::streams::Streams;
@@ -159,7 +159,7 @@ impl<T: Clone> SimulatedRadio<T> {
         }
     }
     /// `bytes` is the size including headers.
-    pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
+    pub fn send(&mut self, t: WorldTime, bytes: usize, packet: T) {
         let [first, second] = self.channel.send(t, bytes);
         if let Some(at) = second {
             self.line.push(at, packet.clone());
@@ -170,10 +170,10 @@ impl<T: Clone> SimulatedRadio<T> {
             self.channel.drop_one();
         }
     }
-    pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
+    pub fn receive(&mut self, t: WorldTime) -> Vec<(WorldTime, T)> {
         core::iter::from_fn(|| self.line.pop(t)).collect()
     }
-    pub fn next(&self) -> Option<Time<TrueTime>> {
+    pub fn next(&self) -> Option<WorldTime> {
         self.line.next()
     }
     pub const fn fail(&mut self, fault: ChannelFault) {
@@ -181,7 +181,7 @@ impl<T: Clone> SimulatedRadio<T> {
     }
     /// Loses all packets sent in the window `[from, until)`; packets in transit arrive. Later calls do not
     /// change the window.
-    pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+    pub fn set_outage(&mut self, window: [WorldTime; 2]) {
         self.channel.set_outage(window);
     }
     pub const fn counts(&self) -> ChannelCounts {
@@ -193,6 +193,7 @@ impl<T: Clone> SimulatedRadio<T> {
 mod tests {
     use super::*;
     use alight_shared::estimation::moments;
+    use alight_shared::time::Time;
 
     fn run(config: &SimulatedRadioConfig, direction: Direction, n: usize) -> Vec<(usize, f64)> {
         let mut radio = SimulatedRadio::new(config, direction, &Streams::new(7));

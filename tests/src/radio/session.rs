@@ -1,7 +1,7 @@
 //! Radio session between two computers: channels, transport, and a session that closes after a silence and
 //! reopens by a handshake.
 
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 
 use super::stream::RadioStream;
 use super::{
@@ -40,13 +40,13 @@ impl<T: Clone> OneWayLink<T> {
             }
         }
     }
-    fn send(&mut self, t: Time<TrueTime>, bytes: usize, packet: T) {
+    fn send(&mut self, t: WorldTime, bytes: usize, packet: T) {
         match self {
             OneWayLink::Datagrams(radio) => radio.send(t, bytes, packet),
             OneWayLink::Stream(stream) => stream.send(t, bytes, packet),
         }
     }
-    fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
+    fn receive(&mut self, t: WorldTime) -> Vec<(WorldTime, T)> {
         match self {
             OneWayLink::Datagrams(radio) => radio.receive(t),
             OneWayLink::Stream(stream) => stream.receive(t),
@@ -58,7 +58,7 @@ impl<T: Clone> OneWayLink<T> {
             OneWayLink::Stream(stream) => stream.counts(),
         }
     }
-    fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+    fn set_outage(&mut self, window: [WorldTime; 2]) {
         match self {
             OneWayLink::Datagrams(radio) => radio.set_outage(window),
             OneWayLink::Stream(stream) => stream.channels().into_iter().for_each(|c| c.set_outage(window)),
@@ -88,10 +88,10 @@ pub struct Session<A, B> {
     /// streams, so that the fates of messages do not change.
     probes: [RadioChannel; 2],
     /// Last reception by the drone and by the vessel; None before the first.
-    last_received: [Option<Time<TrueTime>>; 2],
-    keep_alive: Time<TrueTime>,
+    last_received: [Option<WorldTime>; 2],
+    keep_alive: WorldTime,
     /// End of the current attempt to open the session, and whether it will succeed; None: the session is open.
-    attempt: Option<(Time<TrueTime>, bool)>,
+    attempt: Option<(WorldTime, bool)>,
     reopened: u32,
 }
 
@@ -110,33 +110,35 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
     /// `length` is the length of the message, bytes.
-    pub fn send_to_drone(&mut self, t: Time<TrueTime>, length: usize, packet: A) {
+    pub fn send_to_drone(&mut self, t: WorldTime, length: usize, packet: A) {
         if self.attempt.is_none() {
             self.to_drone.send(t, self.config.transport.bytes(length), packet);
         }
     }
-    pub fn send_to_vessel(&mut self, t: Time<TrueTime>, length: usize, packet: B) {
+    pub fn send_to_vessel(&mut self, t: WorldTime, length: usize, packet: B) {
         if self.attempt.is_none() {
             self.to_vessel
                 .send(t, self.config.transport.bytes(length), packet);
         }
     }
-    pub fn at_drone(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, A)> {
+    pub fn at_drone(&mut self, t: WorldTime) -> Vec<(WorldTime, A)> {
         let came = self.to_drone.receive(t);
         self.note_received(0, came.last().map(|c| c.0));
         self.poll(t);
         came
     }
-    pub fn at_vessel(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, B)> {
+    pub fn at_vessel(&mut self, t: WorldTime) -> Vec<(WorldTime, B)> {
         let came = self.to_vessel.receive(t);
         self.note_received(1, came.last().map(|c| c.0));
         came
     }
     /// Loses all packets sent in the window `[from, until)`, in both directions.
-    pub fn set_outage(&mut self, window: [Time<TrueTime>; 2]) {
+    pub fn set_outage(&mut self, window: [WorldTime; 2]) {
         self.to_drone.set_outage(window);
         self.to_vessel.set_outage(window);
-        self.probes.iter_mut().for_each(|c| c.set_outage(window));
+        for c in &mut self.probes {
+            c.set_outage(window);
+        }
     }
     /// Replaces the active faults: to the drone, to the vessel.
     pub fn fail(&mut self, [to_drone, to_vessel]: [ChannelFault; 2]) {
@@ -154,13 +156,13 @@ impl<A: Clone, B: Clone> Session<A, B> {
         self.reopened
     }
 
-    fn note_received(&mut self, side: usize, at: Option<Time<TrueTime>>) {
+    fn note_received(&mut self, side: usize, at: Option<WorldTime>) {
         if let (Some(at), Some(last_received)) = (at, self.last_received.get_mut(side)) {
             *last_received = Some(last_received.map_or(at, |h| h.max(at)));
         }
     }
 
-    fn poll(&mut self, t: Time<TrueTime>) {
+    fn poll(&mut self, t: WorldTime) {
         if let Some((over, succeeds)) = self.attempt {
             if t < over {
                 return;
@@ -193,7 +195,7 @@ impl<A: Clone, B: Clone> Session<A, B> {
     }
 
     /// End of an attempt that starts at `from` to open the session, and whether it succeeds.
-    fn handshake(&mut self, from: Time<TrueTime>) -> (Time<TrueTime>, bool) {
+    fn handshake(&mut self, from: WorldTime) -> (WorldTime, bool) {
         let end = from + Span::from_secs(self.config.transport.open_timeout_s());
         let mut t = from;
         for exchange in 0..self.config.transport.exchanges() {
@@ -225,7 +227,8 @@ mod tests {
     /// reopened sessions.
     fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
         let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
-        let (mut newest, mut ages) = (f64::NEG_INFINITY, Vec::new());
+        let mut newest = f64::NEG_INFINITY;
+        let mut ages = Vec::new();
         for k in 0..seconds * 100 {
             let t = Time::from_secs(k as f64 * 0.01);
             if k % 3 == 0 {

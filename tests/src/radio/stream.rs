@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 
 use super::{ChannelCounts, Congestion, RadioChannel, SimulatedRadioConfig};
 use crate::sensors::delay::DelayLine;
@@ -42,7 +42,7 @@ type Range = (u64, u64);
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     range: Range,
-    sent_at: Time<TrueTime>,
+    sent_at: WorldTime,
     arrived: bool,
     lost: bool,
     /// The segment was sent more than once, so its acknowledgement measures no round trip.
@@ -64,14 +64,14 @@ struct Acknowledgement {
     first: u64,
     /// Further ranges that have arrived, newest first.
     ranges: Vec<Range>,
-    sent_at: Time<TrueTime>,
+    sent_at: WorldTime,
     /// The segment had already arrived before (RFC 2883).
     double: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Event {
-    Data(Range, Time<TrueTime>),
+    Data(Range, WorldTime),
     Ack(Acknowledgement),
 }
 
@@ -98,20 +98,20 @@ pub struct RadioStream<T> {
     /// Minimum round trip, s.
     shortest_s: f64,
     /// Send time and round trip (s) of the newest segment that has arrived.
-    latest: Option<(Time<TrueTime>, f64)>,
+    latest: Option<(WorldTime, f64)>,
     /// Wait for an overtaken segment, in quarters of the minimum round trip; the end of that wait's validity,
     /// and the remaining recoveries for which it holds (RFC 8985, 7.2).
     reorder_window: u8,
-    reorder_window_until: Option<Time<TrueTime>>,
+    reorder_window_until: Option<WorldTime>,
     recoveries: u8,
     backoff: i32,
     probed: bool,
-    timer: Option<(Time<TrueTime>, Timer)>,
+    timer: Option<(WorldTime, Timer)>,
     /// Time of the retransmission time-out, independent of the timer's current purpose.
-    time_out_at: Option<Time<TrueTime>>,
+    time_out_at: Option<WorldTime>,
     received: Vec<Range>,
     delivered: u64,
-    ready: Vec<(Time<TrueTime>, T)>,
+    ready: Vec<(WorldTime, T)>,
     dropped: u64,
 }
 
@@ -165,7 +165,7 @@ impl<T: Clone> RadioStream<T> {
         self.dropped
     }
 
-    pub fn send(&mut self, t: Time<TrueTime>, bytes: usize, message: T) {
+    pub fn send(&mut self, t: WorldTime, bytes: usize, message: T) {
         self.advance(t);
         if self.written - self.acknowledged + bytes as u64 > self.buffer {
             self.dropped += 1;
@@ -176,12 +176,12 @@ impl<T: Clone> RadioStream<T> {
         self.transmit(t);
     }
     /// Messages delivered by `t` with arrival times, in order.
-    pub fn receive(&mut self, t: Time<TrueTime>) -> Vec<(Time<TrueTime>, T)> {
+    pub fn receive(&mut self, t: WorldTime) -> Vec<(WorldTime, T)> {
         self.advance(t);
         core::mem::take(&mut self.ready)
     }
 
-    fn advance(&mut self, t: Time<TrueTime>) {
+    fn advance(&mut self, t: WorldTime) {
         loop {
             let event = self.events.next();
             let first = self.timer.filter(|(at, _)| event.is_none_or(|e| *at <= e));
@@ -203,7 +203,7 @@ impl<T: Clone> RadioStream<T> {
     fn under_way(&self) -> f64 {
         self.flight.iter().filter(|s| !s.arrived && !s.lost).count() as f64
     }
-    fn put(&mut self, t: Time<TrueTime>, range: Range) {
+    fn put(&mut self, t: WorldTime, range: Range) {
         let bytes = (range.1 - range.0) as usize + HEADERS;
         for at in self.there.send(t, bytes).into_iter().flatten() {
             // A full delay line drops the segment.
@@ -211,7 +211,7 @@ impl<T: Clone> RadioStream<T> {
         }
     }
     /// Sends within the window: retransmissions first, then new data.
-    fn transmit(&mut self, t: Time<TrueTime>) {
+    fn transmit(&mut self, t: WorldTime) {
         let mut sent = false;
         while self.under_way() < self.window.floor().max(1.0) {
             if let Some(k) = self.flight.iter().position(|s| s.lost) {
@@ -226,11 +226,13 @@ impl<T: Clone> RadioStream<T> {
             self.set_timer(t);
         }
     }
-    fn retransmit(&mut self, t: Time<TrueTime>, k: usize) {
+    fn retransmit(&mut self, t: WorldTime, k: usize) {
         let Some(segment) = self.flight.get_mut(k) else {
             return;
         };
-        (segment.lost, segment.again, segment.sent_at) = (false, true, t);
+        segment.lost = false;
+        segment.again = true;
+        segment.sent_at = t;
         let range = segment.range;
         self.put(t, range);
         if k == 0 {
@@ -238,7 +240,7 @@ impl<T: Clone> RadioStream<T> {
         }
     }
     /// Sends at most one segment of new data; returns false without any.
-    fn send_new(&mut self, t: Time<TrueTime>) -> bool {
+    fn send_new(&mut self, t: WorldTime) -> bool {
         if self.sent == self.written {
             return false;
         }
@@ -258,7 +260,7 @@ impl<T: Clone> RadioStream<T> {
         true
     }
 
-    fn data(&mut self, t: Time<TrueTime>, range: Range, sent_at: Time<TrueTime>) {
+    fn data(&mut self, t: WorldTime, range: Range, sent_at: WorldTime) {
         let double =
             range.1 <= self.delivered || self.received.iter().any(|r| r.0 <= range.0 && range.1 <= r.1);
         self.received.push(range);
@@ -293,8 +295,9 @@ impl<T: Clone> RadioStream<T> {
         }
     }
 
-    fn ack(&mut self, t: Time<TrueTime>, ack: &Acknowledgement) {
-        let (first, sent_at) = (ack.first, ack.sent_at);
+    fn ack(&mut self, t: WorldTime, ack: &Acknowledgement) {
+        let first = ack.first;
+        let sent_at = ack.sent_at;
         let sample = (t - sent_at).secs();
         let limited = self.under_way() >= self.window.floor();
         let open = |flight: &VecDeque<Segment>| flight.iter().filter(|s| !s.arrived).count();
@@ -307,7 +310,8 @@ impl<T: Clone> RadioStream<T> {
             let inside = |r: &Range| r.0 <= segment.range.0 && segment.range.1 <= r.1;
             if segment.range.1 <= first || ack.ranges.iter().any(inside) {
                 measured |= !segment.again;
-                (segment.arrived, segment.lost) = (true, false);
+                segment.arrived = true;
+                segment.lost = false;
                 if self.latest.is_none_or(|(at, _)| segment.sent_at > at) {
                     self.latest = Some((segment.sent_at, (t - segment.sent_at).secs()));
                 }
@@ -361,7 +365,7 @@ impl<T: Clone> RadioStream<T> {
 
     /// Widens the reordering window, at most once per round trip, after an unnecessary retransmission (the
     /// segment was overtaken, not lost), for sixteen recoveries.
-    fn update_reorder_window(&mut self, t: Time<TrueTime>, double: bool) {
+    fn update_reorder_window(&mut self, t: WorldTime, double: bool) {
         if double && self.reorder_window_until.is_none_or(|at| t >= at) {
             self.reorder_window = self.reorder_window.saturating_add(1);
             self.recoveries = REORDER_WINDOW_RECOVERIES;
@@ -379,7 +383,7 @@ impl<T: Clone> RadioStream<T> {
     }
 
     /// Marks segments as lost if they were sent long enough before a segment that has arrived.
-    fn find_lost(&mut self, t: Time<TrueTime>) {
+    fn find_lost(&mut self, t: WorldTime) {
         let Some((latest_at, round_trip_s)) = self.latest else {
             return;
         };
@@ -411,9 +415,10 @@ impl<T: Clone> RadioStream<T> {
         Span::from_secs((timeout * 2f64.powi(self.backoff)).min(MAX_TIMEOUT_S))
     }
 
-    fn set_timer(&mut self, t: Time<TrueTime>) {
+    fn set_timer(&mut self, t: WorldTime) {
         let Some(time_out_at) = self.time_out_at.filter(|_| !self.flight.is_empty()) else {
-            (self.timer, self.time_out_at) = (None, None);
+            self.timer = None;
+            self.time_out_at = None;
             return;
         };
         let round_trip_s = self.round_trip.map_or(0.5, |r| r.0);
@@ -445,7 +450,7 @@ impl<T: Clone> RadioStream<T> {
             Some(_) | None => (time_out_at.max(t), Timer::TimeOut),
         });
     }
-    fn on_timer(&mut self, t: Time<TrueTime>, timer: Timer) {
+    fn on_timer(&mut self, t: WorldTime, timer: Timer) {
         match timer {
             Timer::Reorder => {
                 self.find_lost(t);

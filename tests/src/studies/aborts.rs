@@ -77,7 +77,8 @@ pub fn fly(
     let mut world = World::new(scenario, nodes, seed)?;
     world.warm_up(&mut NoObserver);
     world.command(CommandKind::Land);
-    let (mut began, mut near) = (false, true);
+    let mut began = false;
+    let mut near = true;
     let mut end_s = LIMIT_S;
     let mut report = Interrupted::default();
     loop {
@@ -87,7 +88,9 @@ pub fn fly(
         let o = world.observation();
         let lowest = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
         if began {
-            o.contacts.iter().for_each(|c| report.touch(c));
+            for c in o.contacts {
+                report.touch(c);
+            }
             report.water |= o.in_water && o.motors_on;
             report.collided |= o.keep_out_gap_m.is_some_and(|gap| gap <= 0.0);
             near &= o.motors_on && lowest < CLEAR_M;

@@ -51,13 +51,12 @@ pub fn run(
         confidence: 0.0,
     };
     let ticks = |s: f64| (s / TICK.secs()).round() as usize;
-    let (first, last) = (
-        ticks(scenario.start.warm_up_s),
-        ticks(scenario.start.warm_up_s + span_s),
-    );
+    let first = ticks(scenario.start.warm_up_s);
+    let last = ticks(scenario.start.warm_up_s + span_s);
     // The truth continues to the end of the last predictions.
     for k in 0..last + 300 {
-        let (now, state) = (physics.vessel_now(), physics.vessel());
+        let now = physics.vessel_now();
+        let state = physics.vessel();
         let readings = physics.vessel_readings();
         let p = state.position.0 + physics.vessel_gnss_bias();
         let (roll, pitch, yaw) = state.attitude.euler();
@@ -104,7 +103,8 @@ pub struct StateErrors {
 }
 
 pub fn state_errors(runs: &[EstimatorRun]) -> StateErrors {
-    let (mut squares, mut nees) = ([const { Vec::new() }; 4], [const { Vec::new() }; 6]);
+    let mut squares = [const { Vec::new() }; 4];
+    let mut nees = [const { Vec::new() }; 6];
     for r in runs {
         for (k, e) in &r.estimates {
             let truth = r.truth[*k];
@@ -146,8 +146,10 @@ pub fn prediction_error(runs: &[EstimatorRun], dof: usize, horizon_s: f64) -> Pr
     let mut squares = [const { Vec::new() }; 3];
     for r in runs {
         let truth = |tick: f64| {
-            let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
-            let (a, b) = (r.truth.get(i)?.eta[dof], r.truth.get(i + 1)?.eta[dof]);
+            let i = tick.max(0.0).floor() as usize;
+            let f = tick.fract();
+            let a = r.truth.get(i)?.eta[dof];
+            let b = r.truth.get(i + 1)?.eta[dof];
             Some(a + f * difference(dof, b, a))
         };
         for (start, p) in &r.predictions {

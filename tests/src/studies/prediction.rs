@@ -106,8 +106,10 @@ pub fn vessel(
 /// Predicted minus true heave (m), roll and pitch (rad).
 fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, level: f64) -> Option<[f64; 3]> {
     let tick = start + AHEAD_S / TICK.secs();
-    let (i, f) = (tick.max(0.0).floor() as usize, tick.fract());
-    let (a, b) = (run.truth.get(i)?, run.truth.get(i + 1)?);
+    let i = tick.max(0.0).floor() as usize;
+    let f = tick.fract();
+    let a = run.truth.get(i)?;
+    let b = run.truth.get(i + 1)?;
     let angle = |dof: usize| {
         let then = a.eta[dof] + f * difference(dof, b.eta[dof], a.eta[dof]);
         Some(difference(dof, predicted(p, dof, AHEAD_S)?, then))
@@ -119,9 +121,11 @@ fn errors(run: &EstimatorRun, start: f64, p: &VesselPrediction<VesselClock>, lev
 /// Reported deviations of heave (m), roll and pitch (rad).
 fn deviations(p: &VesselPrediction<VesselClock>, sds: &StageDeviations) -> Option<[f64; 3]> {
     let x = AHEAD_S / f64::from(p.step_s);
-    let (i, f) = (x.floor() as usize, x.fract());
+    let i = x.floor() as usize;
+    let f = x.fract();
     let j = (i + 1).min(p.stages.len().saturating_sub(1));
-    let (a, b) = (sds.get(i)?, sds.get(j)?);
+    let a = sds.get(i)?;
+    let b = sds.get(j)?;
     Some(core::array::from_fn(|d| a[d] + f * (b[d] - a[d])))
 }
 

@@ -97,7 +97,9 @@ pub fn split<E: Send>(
             .collect()
     };
     let mut particles = fly(first)?;
-    let (mut levels, mut landings, mut reached) = (Vec::new(), population, 1.0);
+    let mut levels = Vec::new();
+    let mut landings = population;
+    let mut reached = 1.0;
     let count = |particles: &[Particle], level: f64| particles.iter().filter(|(_, n)| *n >= level).count();
     let fraction = |count: usize| count as f64 / population as f64;
     loop {
@@ -140,7 +142,8 @@ fn next_level(particles: &[Particle]) -> Option<f64> {
     let mut near: Vec<f64> = particles.iter().map(|(_, n)| *n).collect();
     near.sort_by(|a, b| b.total_cmp(a));
     let last = (KEPT * near.len() as f64).ceil() as usize;
-    let (quarter, lowest) = (*near.get(last.saturating_sub(1))?, *near.last()?);
+    let quarter = *near.get(last.saturating_sub(1))?;
+    let lowest = *near.last()?;
     if quarter > lowest || lowest >= 1.0 {
         return Some(quarter);
     }
@@ -188,7 +191,8 @@ mod tests {
     fn splitting_of_a_known_probability() {
         for (rarity, broken_off) in [(0.1_f64, 0.0), (1e-3, 0.0), (0.01, 0.9)] {
             let estimate = estimate(near((1.0 - rarity).cbrt(), broken_off));
-            let (truth, [low, high]) = (rarity * (1.0 - broken_off), estimate.interval);
+            let truth = rarity * (1.0 - broken_off);
+            let [low, high] = estimate.interval;
             assert!(low < truth && truth < high, "{rarity}: {estimate:?}");
             assert!(high < 3.0 * truth, "{rarity}: {estimate:?}");
             // Direct simulation of a probability of 1e-3 would need about 10 000 landings.

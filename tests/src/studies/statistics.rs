@@ -19,7 +19,8 @@ impl SampleStatistics {
         let p50 = quantile(&mut v, 0.5)?;
         let p95 = quantile(&mut v, 0.95)?;
         let n = v.len() as f64;
-        let (last, mean) = (*v.last()?, v.iter().sum::<f64>() / n);
+        let last = *v.last()?;
+        let mean = v.iter().sum::<f64>() / n;
         let var = v.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
         Some(SampleStatistics {
             mean,
@@ -36,7 +37,8 @@ pub fn wilson(successes: usize, trials: usize) -> (f64, f64) {
     if trials == 0 {
         return (0.0, 1.0);
     }
-    let (n, z) = (trials as f64, 1.959_964);
+    let n = trials as f64;
+    let z = 1.959_964;
     let p = successes as f64 / n;
     let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
     let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
@@ -60,7 +62,8 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
     let n = trials as f64;
     // Computed in logarithms, each term from the previous one, because (1 - p)^n alone underflows f64.
     let tail = |p: f64| {
-        let (mut log_term, odds) = (n * (-p).ln_1p(), (p / (1.0 - p)).ln());
+        let mut log_term = n * (-p).ln_1p();
+        let odds = (p / (1.0 - p)).ln();
         let mut sum = log_term.exp();
         for k in 1..=events {
             log_term += ((n - k as f64 + 1.0) / k as f64).ln() + odds;
@@ -68,7 +71,8 @@ pub fn at_most_95(events: usize, trials: usize) -> f64 {
         }
         sum
     };
-    let (mut low, mut high) = (events as f64 / n, 1.0);
+    let mut low = events as f64 / n;
+    let mut high = 1.0;
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if tail(middle) >= 0.05 {
@@ -150,7 +154,8 @@ pub struct FailureCount {
 fn count_failures<'a>(failures: impl Iterator<Item = (Ending, &'a str, u64)>) -> Vec<FailureCount> {
     let mut counts: Vec<FailureCount> = Vec::new();
     for (ending, reason, seed) in failures {
-        let (outcome, reason) = (ending.name(), without_numbers(reason));
+        let outcome = ending.name();
+        let reason = without_numbers(reason);
         match counts
             .iter_mut()
             .find(|c| (c.outcome, &c.reason) == (outcome, &reason))
@@ -231,7 +236,8 @@ const LEFT_M: f64 = 1.5;
 /// `all` has each predicted probability, and whether the event occurred.
 fn binned(bounds: &[f64], all: &[(f64, bool)]) -> Vec<OddsBin> {
     let bins = bounds.windows(2).filter_map(|b| {
-        let (&[from, to], last) = (b.first_chunk::<2>()?, *b.last()? >= 1.0);
+        let &[from, to] = b.first_chunk::<2>()?;
+        let last = *b.last()? >= 1.0;
         let within = |p: f64| p >= from && (p < to || last);
         let of: Vec<(f64, bool)> = all.iter().filter(|(p, _)| within(*p)).copied().collect();
         let came = of.iter().filter(|(_, came)| *came).count();

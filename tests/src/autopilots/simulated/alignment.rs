@@ -7,8 +7,9 @@
 
 use core::f64::consts::TAU;
 
+use alight_shared::frames::yaw_rotation;
 use alight_shared::mavlink::dialect::EstimatorStatusFlags as Flags;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::UnitQuaternion;
 
@@ -25,15 +26,15 @@ pub(super) struct Unaligned {
     /// Heading error before the alignment, rad.
     turned: f64,
     /// Time until which the autopilot boots and is silent.
-    boots_until: Time<TrueTime>,
+    boots_until: WorldTime,
     after: Span,
     /// Time of the alignment; None until the origin is reported.
-    due: Option<Time<TrueTime>>,
+    due: Option<WorldTime>,
 }
 
 impl Unaligned {
     /// Draws the order in which autopilot and Alight's processes start, the heading error and the delay.
-    pub(super) fn drawn(streams: &Streams, now: Time<TrueTime>) -> Unaligned {
+    pub(super) fn drawn(streams: &Streams, now: WorldTime) -> Unaligned {
         let mut draw = Noise::new(streams, "autopilot.alignment");
         let mut between = |[low, high]: [f64; 2]| low + (high - low) * draw.uniform();
         let turned = between([-0.5 * TAU, 0.5 * TAU]);
@@ -48,19 +49,19 @@ impl Unaligned {
         }
     }
     /// Whether the autopilot is still booting, and neither receives nor sends.
-    pub(super) fn boots(&self, now: Time<TrueTime>) -> bool {
+    pub(super) fn boots(&self, now: WorldTime) -> bool {
         now < self.boots_until
     }
-    pub(super) fn origin_reported(&mut self, now: Time<TrueTime>) {
+    pub(super) fn origin_reported(&mut self, now: WorldTime) {
         self.due.get_or_insert(now + self.after);
     }
     /// Whether the magnetometer has aligned the heading.
-    pub(super) fn is_over(&self, now: Time<TrueTime>) -> bool {
+    pub(super) fn is_over(&self, now: WorldTime) -> bool {
         self.due.is_some_and(|due| now >= due)
     }
     /// Reported attitude (NED from body) for a true attitude.
     pub(super) fn read(&self, attitude: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-        UnitQuaternion::from_euler_angles(0.0, 0.0, self.turned) * attitude
+        yaw_rotation(self.turned) * attitude
     }
 }
 

@@ -29,7 +29,8 @@ pub(super) fn rate_set_point(
     is: &UnitQuaternion<f64>,
 ) -> Vector3<f64> {
     let wanted = target.attitude;
-    let (axis, axis_wanted) = (is * Vector3::z(), wanted * Vector3::z());
+    let axis = is * Vector3::z();
+    let axis_wanted = wanted * Vector3::z();
     // Shortest rotation that aligns the thrust axis. It is not unique upside down, but then the heading does not
     // matter.
     let reduced = UnitQuaternion::rotation_between(&axis, &axis_wanted).map_or(wanted, |r| r * is);
@@ -41,7 +42,8 @@ pub(super) fn rate_set_point(
     let yaw_gain = config.yaw_gain_hz / config.yaw_weight;
     let mut rates = 2.0 * Vector3::new(gain * error.i, gain * error.j, yaw_gain * error.k);
     rates += is.inverse_transform_vector(&Vector3::new(0.0, 0.0, target.yaw_rate));
-    let (tilt, yaw) = (config.max_rate_rps, config.max_yaw_rate_rps);
+    let tilt = config.max_rate_rps;
+    let yaw = config.max_yaw_rate_rps;
     Vector3::new(
         rates.x.clamp(-tilt, tilt),
         rates.y.clamp(-tilt, tilt),
@@ -125,6 +127,7 @@ impl RateLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::frames::yaw_rotation;
 
     #[test]
     fn attitude_loop_rates_towards_the_target() {
@@ -138,7 +141,7 @@ mod tests {
             rates: Vector3::zeros(),
             thrust: 0.3,
         };
-        let is = UnitQuaternion::from_euler_angles(0.0, 0.0, 1.0);
+        let is = yaw_rotation(1.0);
         let w = rate_set_point(&config, &target, &is);
         assert!((w - Vector3::new(0.1, -0.05, 0.0)).norm() < 1e-3, "{w}");
         let is = UnitQuaternion::from_euler_angles(0.02, -0.01, 0.9);

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use alight_shared::frames::yaw_rotation;
 use alight_shared::geometry::GRAVITY;
 
 use crate::physics::drone::noise::{GaussMarkov, normal};
@@ -84,7 +85,8 @@ impl SimulatedEstimator {
         ]
         .map(|(sd, time)| GaussMarkov::new(sd.to_radians(), time, dt, &mut attitude_rng));
         let mut draw = |sd: f64| Vector3::from_fn(|_, _| sd * normal(&mut imu_rng));
-        let (gyro_bias, accelerometer_bias) = (draw(c.gyro_bias_rps), draw(c.accelerometer_bias_mps2));
+        let gyro_bias = draw(c.gyro_bias_rps);
+        let accelerometer_bias = draw(c.accelerometer_bias_mps2);
         let offset = Vector3::from_fn(|i, _| gnss_bias[i].value) + Vector3::z() * barometer.value;
         let mut e = SimulatedEstimator {
             config: config.clone(),
@@ -178,7 +180,7 @@ impl SimulatedEstimator {
         });
         // Tilt errors act about the level axes and the heading error about the vertical: an NED rotation, multiplied from the left.
         let (_, _, yaw) = m.attitude.euler_angles();
-        let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        let level = yaw_rotation(yaw);
         let further = Vector3::z() * (self.steel + self.reset);
         let wrong = UnitQuaternion::from_scaled_axis(level * Vector3::from(errors) + further);
         let attitude = wrong * m.attitude;
@@ -226,7 +228,8 @@ impl SimulatedEstimator {
 
     /// Fuses a position and velocity fix, one scalar at a time (Gelb 1974, section 4.2).
     fn fuse(&mut self, m: &PlantState) {
-        let (sd_p, sd_v) = (self.config.gnss_noise_m, self.config.gnss_velocity_mps);
+        let sd_p = self.config.gnss_noise_m;
+        let sd_v = self.config.gnss_velocity_mps;
         let barometer = self.barometer.step(&mut self.barometer_rng);
         let offset =
             Vector3::from_fn(|i, _| self.gnss_bias[i].step(&mut self.gnss_rng)) + Vector3::z() * barometer;
@@ -264,8 +267,11 @@ mod tests {
             gnss_bias_s: 1e5,
             ..NavigationConfig::default()
         };
-        let (mut p2, mut v2, mut n) = (0.0, 0.0, 0.0);
-        let (mut sp, mut sv) = (0.0, 0.0);
+        let mut p2 = 0.0;
+        let mut v2 = 0.0;
+        let mut n = 0.0;
+        let mut sp = 0.0;
+        let mut sv = 0.0;
         for seed in 0..20 {
             let mut m = PlantState {
                 position: Vector3::new(0.0, 0.0, -15.0),
@@ -289,7 +295,8 @@ mod tests {
                 }
             }
         }
-        let (position, velocity) = (p2 / sp, v2 / sv);
+        let position = p2 / sp;
+        let velocity = v2 / sv;
         println!(
             "sd {} {} ratio {position} {velocity}",
             (sp / n).sqrt(),

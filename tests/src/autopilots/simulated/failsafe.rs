@@ -7,7 +7,7 @@
 
 use alight_shared::mavlink::dialect::MavState;
 use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_uav::autopilot::message::{MavlinkMessage, severity};
 use alight_uav::autopilot::modes::Firmware;
 
@@ -58,11 +58,11 @@ const CAUSES: [Cause; 7] = [
 pub(super) struct Failsafes {
     /// Whether each of [`CAUSES`] is present.
     present: [bool; CAUSES.len()],
-    reckons_since: Option<Time<TrueTime>>,
+    reckons_since: Option<WorldTime>,
     /// Mode that a failsafe has chosen.
     acting: Option<u32>,
     /// PX4's mode after COM_FAIL_ACT_T in Hold.
-    delayed: Option<(Time<TrueTime>, AutopilotMode)>,
+    delayed: Option<(WorldTime, AutopilotMode)>,
 }
 
 /// Modes that the values of a parameter select, one letter for each value from 0 on: Hold (Brake), Return, Land.
@@ -224,7 +224,9 @@ impl SimulatedAutopilot {
                     Some(_) => {
                         self.failsafes.delayed = None;
                         self.announce("Failsafe activated");
-                        mode.into_iter().for_each(|mode| self.enter_failsafe(mode));
+                        if let Some(mode) = mode {
+                            self.enter_failsafe(mode);
+                        }
                     }
                     None => {}
                 }

@@ -5,9 +5,10 @@ mod position_control;
 
 use std::collections::{BTreeMap, VecDeque};
 
+use alight_shared::frames::yaw_rotation;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -37,9 +38,9 @@ const GUIDED_MPS: f64 = 2.0;
 #[derive(Clone, Copy, Debug)]
 struct Received {
     newest: FlightReference,
-    at: Time<TrueTime>,
+    at: WorldTime,
     /// Start of the current stream, whose intervals do not exceed [`OFFBOARD_GAP`].
-    since: Time<TrueTime>,
+    since: WorldTime,
 }
 
 /// Delay of PX4's controllers. The Commander publishes `vehicle_control_mode` at 2 Hz, and immediately when
@@ -49,14 +50,14 @@ struct Received {
 struct ControlMode {
     /// Whether position control is active; None before the first publication.
     positions: Option<bool>,
-    due: Time<TrueTime>,
+    due: WorldTime,
 }
 
 const CONTROL_MODE: Span = Span::from_millis(500);
 
 impl ControlMode {
     /// Whether position control is active at `now`; `positions` is true if the current set-points are positions.
-    fn at(&mut self, now: Time<TrueTime>, positions: bool) -> bool {
+    fn at(&mut self, now: WorldTime, positions: bool) -> bool {
         while now >= self.due {
             self.due += CONTROL_MODE;
             self.positions = Some(positions);
@@ -87,7 +88,7 @@ pub(super) struct SimulatedFlight {
     /// Height above home at which a return ends in a hover, m; None: it lands.
     returns_to_m: Option<f64>,
     /// Landing target, and its time of arrival.
-    guided: Option<(Vector3<f64>, Time<TrueTime>)>,
+    guided: Option<(Vector3<f64>, WorldTime)>,
     integral: Vector3<f64>,
     hover_thrust: f64,
     still_s: f64,
@@ -95,7 +96,7 @@ pub(super) struct SimulatedFlight {
     touches_s: f64,
     target: AttitudeSetPoint,
     /// Attitude targets within the dead time, with the times at which they take effect.
-    delayed: VecDeque<(Time<TrueTime>, AttitudeSetPoint)>,
+    delayed: VecDeque<(WorldTime, AttitudeSetPoint)>,
     in_force: AttitudeSetPoint,
     shaping: InputShaping,
     spool: Spool,
@@ -117,13 +118,13 @@ impl SimulatedFlight {
         drone: &DroneGeometry,
         estimate: &Estimate,
         hover_thrust: f64,
-        control_mode: Time<TrueTime>,
+        control_mode: WorldTime,
     ) -> SimulatedFlight {
         let yaw = estimate.attitude.euler_angles().2;
         let mode = mode_number(config.firmware, AutopilotMode::Other);
         let still = Vector3::zeros();
         let target = AttitudeSetPoint {
-            attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, yaw),
+            attitude: yaw_rotation(yaw),
             yaw_rate: 0.0,
             rates: still,
             thrust: hover_thrust,
@@ -212,7 +213,7 @@ impl SimulatedFlight {
     pub(super) fn hold_at(&mut self, position: Vector3<f64>) {
         self.hold.position = position;
     }
-    pub(super) fn guide(&mut self, target: Vector3<f64>, now: Time<TrueTime>) {
+    pub(super) fn guide(&mut self, target: Vector3<f64>, now: WorldTime) {
         self.guided = Some((target, now));
     }
     /// Whether the newest set-point is an attitude.
@@ -225,7 +226,7 @@ impl SimulatedFlight {
     }
 
     /// Changes the mode; false if denied. PX4 denies OFFBOARD without a stream of set-points.
-    pub(super) fn choose(&mut self, mode: u32, estimate: &Estimate, now: Time<TrueTime>) -> bool {
+    pub(super) fn choose(&mut self, mode: u32, estimate: &Estimate, now: WorldTime) -> bool {
         let offboard = self.firmware().mode(mode) == AutopilotMode::Offboard;
         let streamed = |r: Received| now - r.at <= OFFBOARD_GAP && now - r.since >= OFFBOARD_STREAM;
         if offboard && self.firmware() == Firmware::Px4 && !self.received.is_some_and(streamed) {
@@ -263,7 +264,7 @@ impl SimulatedFlight {
     }
 
     /// An attitude set-point takes effect immediately unless position control is active.
-    pub(super) fn take(&mut self, newest: FlightReference, now: Time<TrueTime>, estimate: &Estimate) {
+    pub(super) fn take(&mut self, newest: FlightReference, now: WorldTime, estimate: &Estimate) {
         let before = self.received.filter(|r| now - r.at <= OFFBOARD_GAP);
         self.received = Some(Received {
             newest,
@@ -305,10 +306,8 @@ impl SimulatedFlight {
         // Stopping point: v² / (2 a).
         let v = estimate.velocity;
         let [across, along] = self.config.stop_mps2;
-        let (sideways, down) = (
-            v.xy() * (v.xy().norm() / (2.0 * across)),
-            v.z * v.z.abs() / (2.0 * along),
-        );
+        let sideways = v.xy() * (v.xy().norm() / (2.0 * across));
+        let down = v.z * v.z.abs() / (2.0 * along);
         self.hold = PositionReference {
             position: estimate.position + Vector3::new(sideways.x, sideways.y, down),
             velocity: Vector3::zeros(),
@@ -322,7 +321,7 @@ impl SimulatedFlight {
     pub(super) fn outer(
         &mut self,
         estimate: &Estimate,
-        now: Time<TrueTime>,
+        now: WorldTime,
         parameters: &BTreeMap<&'static str, f64>,
         levels: bool,
         dt: f64,
@@ -373,7 +372,7 @@ impl SimulatedFlight {
                 if self.touches_ground(estimate, dt) {
                     self.integral = Vector3::zeros();
                     self.target = AttitudeSetPoint {
-                        attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw),
+                        attitude: yaw_rotation(hold.yaw),
                         yaw_rate: 0.0,
                         rates: Vector3::zeros(),
                         thrust: self.config.min_thrust,
@@ -381,7 +380,7 @@ impl SimulatedFlight {
                 }
                 // Without attitude set-points ArduCopter levels the drone and commands no climb.
                 if levels || self.mode == ALT_HOLD || offboard && self.follows_attitudes() {
-                    self.target.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, hold.yaw);
+                    self.target.attitude = yaw_rotation(hold.yaw);
                 }
             }
         }
@@ -414,7 +413,7 @@ impl SimulatedFlight {
     /// Follows a set-point. PX4's position control notices a change of the set-point type with a delay: until
     /// it notices that it is inactive, it and the attitude set-points write targets alternately; until it
     /// notices that it is active, the last attitude persists.
-    fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
+    fn offboard(&mut self, newest: FlightReference, estimate: &Estimate, now: WorldTime, dt: f64) {
         self.hold_here(estimate);
         self.period = self.period.wrapping_add(1);
         let sent = matches!(newest, FlightReference::Track(_));
@@ -458,7 +457,7 @@ impl SimulatedFlight {
         self.enter(mode, estimate);
     }
 
-    fn move_hold(&mut self, estimate: &Estimate, now: Time<TrueTime>, dt: f64) {
+    fn move_hold(&mut self, estimate: &Estimate, now: WorldTime, dt: f64) {
         self.hold.velocity = Vector3::zeros();
         match self.kind() {
             AutopilotMode::Other if self.flies_own_mission() => self.fly_own_mission(estimate, dt),
@@ -500,7 +499,7 @@ impl SimulatedFlight {
         }
     }
     /// Precision landing: moves the hold point towards a fresh landing target at a speed proportional to the distance.
-    fn towards_target(&mut self, now: Time<TrueTime>, dt: f64) {
+    fn towards_target(&mut self, now: WorldTime, dt: f64) {
         let Some((target, _)) = self.guided.filter(|(_, at)| now - *at <= TARGET_STALE) else {
             return;
         };
@@ -604,7 +603,7 @@ impl SimulatedFlight {
     }
 
     /// Newest target whose dead time has passed.
-    fn active_target(&mut self, now: Time<TrueTime>) -> AttitudeSetPoint {
+    fn active_target(&mut self, now: WorldTime) -> AttitudeSetPoint {
         let dead = Span::from_secs(self.config.dead_time_s);
         if dead <= Span::ZERO {
             return self.target;

@@ -41,7 +41,8 @@ impl Mixer {
         let thrust = thrust.clamp(0.0, 1.0);
         let axes = frame.axes();
         let count = frame.count();
-        let (wanted_tilt, wanted_turn) = (&tilt[..count], &turn[..count]);
+        let wanted_tilt = &tilt[..count];
+        let wanted_turn = &turn[..count];
         let rotors = match self {
             Mixer::Px4 { airmode } => px4(&axes, thrust, wanted_tilt, wanted_turn, airmode),
             Mixer::ArduCopter { hover, mix } => {
@@ -50,9 +51,9 @@ impl Mixer {
             }
         };
         let mut out = [0.0; MAX_ROTORS];
-        out.iter_mut()
-            .zip(rotors)
-            .for_each(|(o, r)| *o = r.clamp(0.0, 1.0));
+        for (o, r) in out.iter_mut().zip(rotors) {
+            *o = r.clamp(0.0, 1.0);
+        }
         let missing = |k: usize| {
             along(frame, &axes[k], &out) - along(frame, &axes[k], if k == 2 { turn } else { tilt })
         };
@@ -72,7 +73,9 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
     desaturate(&mut out, &less_thrust, 1.0, !airmode);
     desaturate(&mut out, roll, 1.0, false);
     desaturate(&mut out, pitch, 1.0, false);
-    out.iter_mut().zip(turn).for_each(|(o, t)| *o += t);
+    for (o, t) in out.iter_mut().zip(turn) {
+        *o += t;
+    }
     desaturate(&mut out, yaw, 1.0 + YAW_MARGIN, false);
     desaturate(&mut out, &less_thrust, 1.0, true);
     out
@@ -82,7 +85,8 @@ fn px4(axes: &[[f64; MAX_ROTORS]; 3], thrust: f64, tilt: &[f64], turn: &[f64], a
 /// forbids negative moves. Rotors that the axis does not drive (two of a hexarotor in pitch) stay saturated.
 fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: bool) {
     let gain = |out: &[f64]| {
-        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        let mut low = 0.0_f64;
+        let mut high = 0.0_f64;
         for (o, a) in out.iter().zip(axis) {
             let beyond = o - o.clamp(0.0, most);
             if beyond != 0.0 && *a != 0.0 {
@@ -96,9 +100,13 @@ fn desaturate(out: &mut [f64], axis: &[f64; MAX_ROTORS], most: f64, forward: boo
     if forward && first < 0.0 {
         return;
     }
-    out.iter_mut().zip(axis).for_each(|(o, a)| *o += first * a);
+    for (o, a) in out.iter_mut().zip(axis) {
+        *o += first * a;
+    }
     let second = 0.5 * gain(out);
-    out.iter_mut().zip(axis).for_each(|(o, a)| *o += second * a);
+    for (o, a) in out.iter_mut().zip(axis) {
+        *o += second * a;
+    }
 }
 
 /// ArduCopter's `AP_MotorsMatrix`: roll and pitch increase the collective thrust up to `raised`; beyond that,
@@ -120,7 +128,9 @@ fn ardu_copter(thrust: f64, raised: f64, tilt: &[f64], turn: &[f64]) -> Vec<f64>
     if raised + low < 0.0 {
         scale = scale.min(raised / -low);
     }
-    rpy.iter_mut().for_each(|v| *v *= scale);
+    for v in &mut rpy {
+        *v *= scale;
+    }
     let (low, high) = span(&rpy);
     let collective = if scale < 1.0 {
         -low

@@ -32,7 +32,7 @@ use alight_shared::geometry::DroneGeometry;
 use alight_shared::mavlink::Signing;
 use alight_shared::mavlink::dialect::MissionState;
 use alight_shared::msg::{AutopilotMode, LandedState, RangeSample};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneTime, Span, WorldTime};
 use alight_uav::autopilot::message::{Address, CommandLong, MavResult, MavlinkMessage};
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::{Decoder, Encoder};
@@ -80,7 +80,7 @@ pub struct SimulatedAutopilot {
     /// Parameters by name; requests for any other parameter remain unanswered.
     pub parameters: BTreeMap<&'static str, f64>,
     pub range_limits_m: [f64; 2],
-    range: Option<(Time<TrueTime>, RangeSample)>,
+    range: Option<(WorldTime, RangeSample)>,
     pub resets: u8,
     /// True charge of the battery, 0 to 1.
     pub battery: f64,
@@ -104,7 +104,7 @@ pub struct SimulatedAutopilot {
     /// Channels of the remote control, us; None: no receiver.
     pub channels: Option<[u16; 18]>,
     pub conditions: FailsafeConditions,
-    pub commands: VecDeque<(Time<TrueTime>, CommandLong)>,
+    pub commands: VecDeque<(WorldTime, CommandLong)>,
     pub set_points: u32,
     pub rejected: u32,
     /// Newest accepted landing target, in the NED of the estimate, m.
@@ -117,13 +117,13 @@ pub struct SimulatedAutopilot {
     failsafes: failsafe::Failsafes,
     /// Rotation rate at the autopilot's start, rad/s.
     started_rps: f64,
-    now: Time<TrueTime>,
-    outer_due: Time<TrueTime>,
+    now: WorldTime,
+    outer_due: WorldTime,
     force: (Vector3<f64>, f64),
     streams: Vec<MessageSchedule>,
-    reported_mode: Option<(Time<TrueTime>, u32)>,
+    reported_mode: Option<(WorldTime, u32)>,
     /// Last state of PX4's own mission that was sent, and the time of sending.
-    reported_mission: Option<(Time<TrueTime>, MissionState)>,
+    reported_mission: Option<(WorldTime, MissionState)>,
     outbox: Vec<MavlinkMessage>,
     decoder: Decoder,
     encoder: Encoder,
@@ -218,13 +218,14 @@ impl SimulatedAutopilot {
     /// Sets the origin of the autopilot's NED to `origin` (height above the ellipsoid), the origin of the
     /// true NED to `place`, and the height of the sea above the ellipsoid to `geoid_m`, m.
     pub fn begin_at(&mut self, place: Datum, origin: Datum, geoid_m: f64) {
-        (self.place, self.geoid_m) = (Some(place), Some(geoid_m));
+        self.place = Some(place);
+        self.geoid_m = Some(geoid_m);
         self.origin = Datum {
             height_m: origin.height_m - geoid_m,
             ..origin
         };
     }
-    pub fn take_range(&mut self, at: Time<TrueTime>, sample: RangeSample) {
+    pub fn take_range(&mut self, at: WorldTime, sample: RangeSample) {
         self.range = Some((at, sample));
     }
     /// Restarts the autopilot as if just switched on, at a random time before or after Alight's processes. It
@@ -285,7 +286,9 @@ impl SimulatedAutopilot {
         truth: &PlantState,
         arrived: &[Vec<u8>],
     ) -> (Option<[f64; MAX_ROTORS]>, Vec<Vec<u8>>) {
-        arrived.iter().for_each(|bytes| self.decoder.push(bytes));
+        for bytes in arrived {
+            self.decoder.push(bytes);
+        }
         let frames = core::iter::from_fn(|| self.decoder.next_frame());
         let messages: Vec<_> = frames.map(|f| f.message).collect();
         let motors = self.step(truth, &messages);
@@ -371,7 +374,7 @@ impl SimulatedAutopilot {
         self.clock = ClockModel::new(-self.now.secs(), self.clock.drift());
         self.streams = protocol::first_streams();
     }
-    fn own_time(&self) -> Time<DroneClock> {
+    fn own_time(&self) -> DroneTime {
         self.clock.read(self.now)
     }
     /// Whether a failsafe has replaced OFFBOARD (GUIDED) with another mode.

@@ -1,11 +1,10 @@
 //! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced disarm.
 
-use alight_shared::frames::{DroneNed, TrueNed, Vector};
+use alight_shared::frames::{DroneNed, TrueNed, Vector, yaw_rotation};
 use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::fields;
-use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m};
+use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m, fields};
 use alight_shared::msg::LandedState;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneTime, Span, Time, WorldTime};
 use alight_uav::autopilot::message::{
     Address, CommandLong, FORCE, MavCmd, MavMessage as M, MavModeFlag, MavResult, MavType, MavlinkMessage,
     command_ack, narrow, parameter, severity, text, wide,
@@ -37,7 +36,7 @@ const MAX_VALUE: f64 = 1e5;
 pub(super) struct MessageSchedule {
     id: u32,
     period: Span,
-    due: Time<TrueTime>,
+    due: WorldTime,
 }
 
 impl MessageSchedule {
@@ -215,7 +214,9 @@ impl SimulatedAutopilot {
             _ => integers(&self.origin),
         };
         let now = self.now;
-        self.unaligned.iter_mut().for_each(|u| u.origin_reported(now));
+        if let Some(u) = &mut self.unaligned {
+            u.origin_reported(now);
+        }
         M::GPS_GLOBAL_ORIGIN(m::GPS_GLOBAL_ORIGIN_DATA {
             latitude,
             longitude,
@@ -248,7 +249,7 @@ impl SimulatedAutopilot {
             }
             (Firmware::ArduCopter, m::MavFrame::MAV_FRAME_BODY_FRD) => (from_vehicle(e.attitude), None),
             (Firmware::ArduCopter, m::MavFrame::MAV_FRAME_LOCAL_FRD) => {
-                let level = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+                let level = yaw_rotation(yaw);
                 (from_vehicle(level), None)
             }
             (Firmware::ArduCopter, _) => {
@@ -481,7 +482,7 @@ impl SimulatedAutopilot {
             }
             m::DISTANCE_SENSOR_DATA::ID => {
                 let (at, sample) = self.range.filter(|(at, _)| self.now - *at <= RANGE_LASTS)?;
-                let own: Time<DroneClock> = self.clock.read(at);
+                let own: DroneTime = self.clock.read(at);
                 // `as` saturates and maps NaN to zero.
                 let cm = |v: f64| (v * 100.0).round() as u16;
                 M::DISTANCE_SENSOR(m::DISTANCE_SENSOR_DATA {
@@ -535,11 +536,15 @@ impl SimulatedAutopilot {
                 M::RC_CHANNELS(d)
             }
             m::SYS_STATUS_DATA::ID => {
-                let bit = |is: bool| match is {
-                    true => m::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER,
-                    false => m::MavSysStatusSensor::empty(),
+                let bit = |is: bool| {
+                    if is {
+                        m::MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER
+                    } else {
+                        m::MavSysStatusSensor::empty()
+                    }
                 };
-                let (receiver, lost) = (self.channels.is_some(), self.conditions.remote_lost);
+                let receiver = self.channels.is_some();
+                let lost = self.conditions.remote_lost;
                 let present = bit(receiver && (!lost || self.firmware() == Firmware::ArduCopter));
                 M::SYS_STATUS(m::SYS_STATUS_DATA {
                     onboard_control_sensors_present: present,
@@ -557,7 +562,8 @@ impl SimulatedAutopilot {
                 return Some(MavlinkMessage::EkfStatus { flags });
             }
             m::SERVO_OUTPUT_RAW_DATA::ID => {
-                let (motors, pulse_us) = (self.flight.frame().count(), self.flight.pulse_us().round() as u16);
+                let motors = self.flight.frame().count();
+                let pulse_us = self.flight.pulse_us().round() as u16;
                 let pulse = |k: usize| if k < motors { pulse_us } else { 0 };
                 M::SERVO_OUTPUT_RAW(m::SERVO_OUTPUT_RAW_DATA {
                     servo1_raw: pulse(0),

@@ -94,8 +94,11 @@ mod tests {
         let dt = 0.0025;
         let mut set: Option<[f64; 2]> = None;
         let mut shaping = InputShaping::at(UnitQuaternion::identity());
-        let (mut is, mut rates) = (UnitQuaternion::identity(), Vector3::zeros());
-        let (mut t, mut sums, mut counts) = (25.3, [[0.0; 2]; 2], [0.0; 2]);
+        let mut is = UnitQuaternion::identity();
+        let mut rates = Vector3::zeros();
+        let mut t = 25.3;
+        let mut sums = [[0.0; 2]; 2];
+        let mut counts = [0.0; 2];
         for line in FLIGHT.lines().skip(1) {
             let [
                 Some(at),

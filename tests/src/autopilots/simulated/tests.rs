@@ -1,10 +1,11 @@
 //! Flights of the simulated autopilot: control, failsafes, differences between the firmwares.
 
-use alight_shared::frames::{Deck, Point};
+use alight_shared::frames::{Deck, Point, wxyz};
 use alight_shared::geometry::{DeckGeometry, GRAVITY};
 use alight_shared::mavlink::dialect::MavState;
 use alight_shared::mavlink::{MessageData as _, dialect as m};
 use alight_shared::msg::{LandedState, Seq};
+use alight_shared::time::Time;
 use alight_uav::autopilot::message::{
     AttitudeThrustTarget, FORCE, MavCmd, MavMessage, MavResult, PositionTarget,
 };
@@ -31,7 +32,7 @@ fn ideal(firmware: Firmware) -> DroneConfig {
 struct Flown {
     drone: SimulatedDrone,
     a: SimulatedAutopilot,
-    t: Time<TrueTime>,
+    t: WorldTime,
     deck: RigidState<Deck>,
     arrived: Vec<MavlinkMessage>,
     impacts: Vec<Impact>,
@@ -39,7 +40,8 @@ struct Flown {
 
 impl Flown {
     fn new(c: &DroneConfig, seed: u64, position: Vector3<f64>) -> Flown {
-        let (geometry, streams) = (DroneGeometry::default(), Streams::new(seed));
+        let geometry = DroneGeometry::default();
+        let streams = Streams::new(seed);
         let start = DroneStart { position, yaw: 0.0 };
         let drone = SimulatedDrone::new(
             c,
@@ -49,7 +51,8 @@ impl Flown {
             &streams,
             start,
         );
-        let (state, hover) = (drone.plant_state(Time::EPOCH), drone.hover_thrust());
+        let state = drone.plant_state(Time::EPOCH);
+        let hover = drone.hover_thrust();
         let a = SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
         Flown {
             drone,
@@ -70,7 +73,9 @@ impl Flown {
         f
     }
     fn tick(&mut self) {
-        let (a, arrived, deck) = (&mut self.a, &mut self.arrived, [self.deck; 2]);
+        let a = &mut self.a;
+        let arrived = &mut self.arrived;
+        let deck = [self.deck; 2];
         let reports = self
             .drone
             .step(self.t, TICK, &deck, 100.0, INNER_PER_OUTER, |truth| {
@@ -116,10 +121,9 @@ fn track(position: Vector3<f64>, velocity: [f64; 3], acceleration: [f64; 3]) -> 
     })
 }
 fn attitude(roll: f64, thrust: f64) -> MavlinkMessage {
-    let q = UnitQuaternion::from_euler_angles(roll, 0.0, 0.0);
     MavlinkMessage::AttitudeThrust(AttitudeThrustTarget {
         to: TO,
-        attitude: [q.w, q.i, q.j, q.k],
+        attitude: wxyz(&UnitQuaternion::from_euler_angles(roll, 0.0, 0.0)),
         rates: None,
         thrust,
     })
@@ -147,7 +151,8 @@ fn hover_with_default_errors_and_gusty_wind() {
             "seed {seed} wind {wind}: {worst} m"
         );
         // Hidden errors change the hover thrust, and the estimator identifies it.
-        let (found, hover) = (f.a.hover_thrust(), f.drone.hover_thrust());
+        let found = f.a.hover_thrust();
+        let hover = f.drone.hover_thrust();
         let near = (found / hover - 1.0).abs() < 0.03;
         assert!(near || wind > 0.0, "{found} {hover}");
         assert!(f.a.armed() && f.a.flight.landed() == LandedState::InAir);
@@ -175,9 +180,11 @@ fn circle_as_measured_on_the_firmwares() {
     // PX4 0.146 m rms, ArduCopter 0.080 m.
     for (firmware, limits) in [(Firmware::Px4, 0.01..0.3), (Firmware::ArduCopter, 0.01..0.2)] {
         let mut f = Flown::offboard(&ideal(firmware), 1, Vector3::new(4.0, 0.0, -10.0));
-        let (omega, heave) = (0.5_f64, core::f64::consts::TAU / 5.0);
+        let omega = 0.5_f64;
+        let heave = core::f64::consts::TAU / 5.0;
         let at = |t: f64| {
-            let ((s, c), (hs, hc)) = ((omega * t).sin_cos(), (heave * t).sin_cos());
+            let (s, c) = (omega * t).sin_cos();
+            let (hs, hc) = (heave * t).sin_cos();
             let p = Vector3::new(4.0 * c, 4.0 * s, -10.0 - 0.5 * hs);
             let v = [-2.0 * s, 2.0 * c, -0.5 * heave * hc];
             (p, track(p, v, [-c, -s, 0.5 * heave * heave * hs]))
@@ -201,7 +208,8 @@ fn measured_lag(lag_s: f64) -> f64 {
     let mut f = Flown::offboard(&c, 1, Vector3::new(0.0, 0.0, -50.0));
     let hover = f.drone.hover_thrust();
     let roll = |t: f64| 0.1 * (core::f64::consts::PI * t).sin();
-    let (mut asked, mut got) = (Vec::new(), Vec::new());
+    let mut asked = Vec::new();
+    let mut got = Vec::new();
     for _ in 0..2000 {
         asked.push(roll(f.t.secs()));
         got.push(f.drone.truth().euler().x);
@@ -211,7 +219,8 @@ fn measured_lag(lag_s: f64) -> f64 {
         (500..1900)
             .map(|i| {
                 let x = i as f64 + shift / DT;
-                let (j, f) = (x as usize, x.fract());
+                let j = x as usize;
+                let f = x.fract();
                 asked[i] * (got[j] * (1.0 - f) + got[j + 1] * f)
             })
             .sum()

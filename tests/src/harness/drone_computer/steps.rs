@@ -17,7 +17,7 @@ use alight_shared::bus::{Bus, Edge, Row, Writer as _};
 use alight_shared::msg::{AutopilotMode, Plan};
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Span, Stamped, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, Stamped, WorldTime};
 use alight_shared::topics::TIME_REQUEST;
 use alight_shared::wire;
 use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage};
@@ -29,7 +29,7 @@ use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
 use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
 
 struct SolveTime<'a> {
-    now: Time<TrueTime>,
+    now: WorldTime,
     /// Solve time unless the law reports another; `slower` is the addition by a fault.
     delay: Span,
     slower: Span,
@@ -119,7 +119,8 @@ impl SimulatedDroneComputer {
         else {
             return;
         };
-        let (receiver, corrections) = (&mut self.receiver, &mut self.corrections);
+        let receiver = &mut self.receiver;
+        let corrections = &mut self.corrections;
         let reports = core::iter::from_fn(|| receiver.next_report());
         frames.extend(reports.map(|report| MavlinkFrame {
             from: Address::new(0, 0),

@@ -2,7 +2,7 @@
 //! waves at its own position.
 
 use alight_shared::frames::{Deck, Point, TrueNed, Vector};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use nalgebra::Vector2;
 
 use crate::harness::scenario::{Scenario, SetupError};
@@ -46,12 +46,13 @@ impl Neighbour {
         };
         Ok(Some(Neighbour { carrier, sea, apart }))
     }
-    pub(super) fn step(&mut self, t: Time<TrueTime>, dt: Span) {
+    pub(super) fn step(&mut self, t: WorldTime, dt: Span) {
         self.carrier.step(t, dt.secs(), &self.sea);
     }
     pub(super) fn deck(&self, vessels: &RigidState<Deck>, scenario: &Scenario) -> RigidState<Deck> {
         let own: RigidState<Deck> = self.carrier.state().at(scenario.deck.centre());
-        let (place, velocity) = (vessels.position.0, vessels.velocity.0);
+        let place = vessels.position.0;
+        let velocity = vessels.velocity.0;
         RigidState {
             position: Point::<TrueNed>::from(nalgebra::Vector3::new(
                 place.x + self.apart.x,

@@ -92,7 +92,8 @@ impl Scenario {
     /// outline moves aft of the deck, in the world and in the vessel's configuration.
     pub fn differ_from_belief(&mut self, nodes: &mut NodeConfigs) {
         self.draws.on = true;
-        let (deck, antenna) = (&self.deck, &mut self.sensors.vessel_gnss.antenna_m);
+        let deck = &self.deck;
+        let antenna = &mut self.sensors.vessel_gnss.antenna_m;
         let [ahead, right] = [0, 1].map(|i| antenna[i] - deck.centre_m[i]);
         if ahead.abs() < 0.5 * deck.length_m && right.abs() < 0.5 * deck.width_m {
             antenna[0] = deck.centre_m[0] - 0.5 * deck.length_m - MAST_CLEARANCE_M;
@@ -125,7 +126,8 @@ impl Scenario {
 
     /// Shifts all tags by `moved` and each tag by a small random offset; scales them relative to the nodes' size.
     fn draw_tags(&mut self, c: &DrawConfig, draws: &Draws<'_>, moved: [f64; 3]) {
-        let (mut scale, mut place) = (1.0, draws.noise("tag-place"));
+        let mut scale = 1.0;
+        let mut place = draws.noise("tag-place");
         draws.vary("tag-side", &mut scale, c.tag_error);
         let mut tags = self.deck.tags();
         self.sensors.tag.known = tags;
@@ -219,7 +221,8 @@ mod tests {
     fn draws_off_and_drawn() {
         let plain = Scenario::default();
         assert_eq!(plain.drawn(3), plain);
-        let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        let mut varied = Scenario::default();
+        let mut nodes = NodeConfigs::default();
         varied.differ_from_belief(&mut nodes);
         let world = varied.drawn(3);
         assert_eq!(world.drawn(7), world);
@@ -229,7 +232,8 @@ mod tests {
 
     #[test]
     fn mast_clear_of_the_deck() {
-        let (mut world, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        let mut world = Scenario::default();
+        let mut nodes = NodeConfigs::default();
         world.differ_from_belief(&mut nodes);
         let antenna = world.sensors.vessel_gnss.antenna_m;
         assert_eq!(antenna, nodes.vessel.gnss.antenna_m);
@@ -241,7 +245,8 @@ mod tests {
 
     #[test]
     fn draws_within_their_ranges() {
-        let (mut varied, mut nodes) = (Scenario::default(), NodeConfigs::default());
+        let mut varied = Scenario::default();
+        let mut nodes = NodeConfigs::default();
         varied.differ_from_belief(&mut nodes);
         let plain = Scenario::default();
         let mut lags = Vec::new();

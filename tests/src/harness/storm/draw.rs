@@ -118,7 +118,8 @@ impl Storm {
             FlightKind::TagAlone => {
                 self.reserved = false;
                 // Before the order, a drone does not follow a moving vessel.
-                (self.course, self.speed_mps) = (VesselCourse::Drift, 0.0);
+                self.course = VesselCourse::Drift;
+                self.speed_mps = 0.0;
             }
         }
         self
@@ -162,11 +163,9 @@ fn fault(flight: FlightKind, kinds: &[FaultKind], noise: &mut Noise, others: &mu
 fn of_kind(kind: FaultKind, (state, _, within_s): PlannedPhase, entry: u8, noise: &mut Noise) -> Fault {
     let spec = kind.spec();
     let mut between = |[low, high]: [f64; 2]| round(low + (high - low) * noise.uniform());
-    let (after_s, size, lasts_s) = (
-        between([0.0, within_s]),
-        between(spec.size),
-        between(spec.lasts_s),
-    );
+    let after_s = between([0.0, within_s]);
+    let size = between(spec.size);
+    let lasts_s = between(spec.lasts_s);
     let size = if kind == FaultKind::StreamStops {
         f64::from(*pick(&STREAMS, noise).unwrap_or(&m::ODOMETRY_DATA::ID))
     } else if spec.size == kinds::CHECKPOINT {

@@ -241,9 +241,10 @@ impl Run {
         if let Some((ending, violation)) = over {
             let waited = self.runs_low_s.is_some() && violation.is_none();
             self.flown.came_down = waited.then_some(ending);
-            (self.flown.ending, self.flown.violation) = match waited {
-                true => (StormEnding::Waits, None),
-                false => (ending, violation),
+            (self.flown.ending, self.flown.violation) = if waited {
+                (StormEnding::Waits, None)
+            } else {
+                (ending, violation)
             };
         }
         if let Some(violation) = self.flown.violation {
@@ -269,7 +270,8 @@ impl Run {
     }
     /// Ending after the battery ran low: on the deck, or elsewhere if the deck was unavailable.
     fn come_down(&mut self) -> Option<(StormEnding, Option<Violation>)> {
-        let (t_s, o) = (self.rig.t_s(), self.rig.world.observation());
+        let t_s = self.rig.t_s();
+        let o = self.rig.world.observation();
         let stands = !o.motors_on && !o.in_water && o.feet_height_m().abs() < FALSE_STOP_M;
         if !stands {
             self.moved_s = t_s;
@@ -286,13 +288,18 @@ impl Run {
     }
 
     fn begin_and_end(&mut self, show: &mut dyn FnMut(f64, &str)) {
-        let (flight, people, flown) = (self.flight, &self.people, &mut self.flown);
+        let flight = self.flight;
+        let people = &self.people;
+        let flown = &mut self.flown;
         for scheduled in &mut self.faults.0 {
             scheduled.step(&mut self.rig, |rig, scheduled| {
-                let (t_s, fault) = (rig.t_s(), scheduled.timer.fault);
+                let t_s = rig.t_s();
+                let fault = scheduled.timer.fault;
                 scheduled.stops = !flight.takes_off() || goes_on(flight, rig, 0);
                 flown.began.push((fault.kind, rig.state(0), t_s));
-                let (name, size, lasts) = (fault.kind.name(), fault.size, fault.lasts_s);
+                let name = fault.kind.name();
+                let size = fault.size;
+                let lasts = fault.lasts_s;
                 show(t_s, &format!("fault: {name}, size {size}, for {lasts} s"));
                 people.give(rig, fault.kind)
             });

@@ -94,7 +94,8 @@ impl People {
             Step::Lands => self.after_landing(rig),
         };
         if let Some(step) = next {
-            (self.step, self.since_s) = (step, rig.t_s());
+            self.step = step;
+            self.since_s = rig.t_s();
         }
     }
     fn begin(&mut self, rig: &mut Rig) -> Option<Step> {
@@ -109,12 +110,14 @@ impl People {
     }
     fn land(&mut self, rig: &mut Rig) -> Step {
         rig.world.command(CommandKind::Land);
-        (self.ordered_s, self.landings) = (rig.t_s(), self.landings + 1);
+        self.ordered_s = rig.t_s();
+        self.landings += 1;
         Step::Lands
     }
     fn clear(&mut self, rig: &mut Rig) -> Step {
         rig.world.deck_order(DeckOrder::TakeOff(1));
-        (self.ordered_s, self.take_offs) = (rig.t_s(), self.take_offs + 1);
+        self.ordered_s = rig.t_s();
+        self.take_offs += 1;
         Step::Cleared
     }
     fn keep_station(&mut self, rig: &mut Rig) -> Step {
@@ -123,7 +126,8 @@ impl People {
             ..Station::USUAL
         };
         rig.world.command(CommandKind::Station(a_minute));
-        (self.ordered_s, self.stations) = (rig.t_s(), self.stations + 1);
+        self.ordered_s = rig.t_s();
+        self.stations += 1;
         Step::Stays
     }
     fn call(&mut self, rig: &mut Rig) -> Option<Step> {
@@ -132,7 +136,9 @@ impl People {
         let t_s = rig.t_s();
         if t_s >= self.calls_s {
             self.calls_s = t_s + REPEATS_S;
-            waiting.iter().for_each(|k| send(rig, *k, MavCmd::MAV_CMD_USER_1));
+            for k in &waiting {
+                send(rig, *k, MavCmd::MAV_CMD_USER_1);
+            }
         }
         waiting.is_empty().then_some(Step::Lands)
     }
@@ -223,7 +229,8 @@ fn leave(rig: &mut Rig) -> Step {
     Step::Away
 }
 fn send(rig: &mut Rig, k: usize, number: MavCmd) {
-    let (t, component) = (rig.world.physics().now(), rig.nodes.autopilot.component);
+    let t = rig.world.physics().now();
+    let component = rig.nodes.autopilot.component;
     if let Some(linked) = rig.world.linked(k) {
         let to = Address::new(linked.autopilot.address.system, component);
         let order = CommandLong::new(to, number, []).into();

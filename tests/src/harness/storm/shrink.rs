@@ -8,7 +8,8 @@ const HALVINGS: usize = 4;
 
 /// `breaks` flies a storm and returns the broken rule.
 pub fn shrink(storm: &Storm, rule: StormRule, mut breaks: impl FnMut(&Storm) -> Option<StormRule>) -> Storm {
-    let (mut best, mut tries) = (storm.clone(), 0);
+    let mut best = storm.clone();
+    let mut tries = 0;
     let mut still = |candidate: &Storm| {
         tries += 1;
         tries <= MAX_TRIES && breaks(candidate) == Some(rule)

@@ -273,7 +273,9 @@ impl StormWatch {
 
     /// Checks for rotors that carry the drone on the deck, and for an unreported armed state.
     fn standing(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
-        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        let t_s = rig.t_s();
+        let state = rig.state(k);
+        let o = rig.world.observation_of(k);
         let carries = state == State::Landed && o.motors_on && rig.thrust(k) > 0.5 * rig.hover_thrust(k);
         let carried_s = lasts(&mut self.carries_since_s, carries, t_s);
         if carried_s > CARRY_S && !scene.is_uncommanded() {
@@ -293,7 +295,9 @@ impl StormWatch {
 
     /// Checks for ignored aborts, and for descents whose order was withdrawn.
     fn orders(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
-        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        let t_s = rig.t_s();
+        let state = rig.state(k);
+        let o = rig.world.observation_of(k);
         // A mission complies if it climbs, holds, has landed, or continues for a stated reason.
         let mission = rig.mission(k);
         let stated = mission.waiting.code == ReasonCode::CompletesLanding || mission.low_battery.is_some();
@@ -317,7 +321,9 @@ impl StormWatch {
     }
 
     fn places(&mut self, rig: &Rig, k: usize, scene: &StormScene) -> Option<(StormRule, f64)> {
-        let (t_s, state, o) = (rig.t_s(), rig.state(k), rig.world.observation_of(k));
+        let t_s = rig.t_s();
+        let state = rig.state(k);
+        let o = rig.world.observation_of(k);
         let at_deck = rig.using_the_deck().len();
         if at_deck > 1 {
             return Some((StormRule::TwoAtDeck, at_deck as f64));
@@ -367,7 +373,8 @@ fn is_spent(rig: &Rig, k: usize, fraction: f64) -> bool {
 /// Whether an operation continues that an abort must stop: a landing, or a take-off before the feet leave the
 /// deck. A hold for the next order does not count.
 pub(super) fn goes_on(flight: FlightKind, rig: &Rig, k: usize) -> bool {
-    let (state, waits) = (rig.state(k), rig.mission(k).waiting.code);
+    let state = rig.state(k);
+    let waits = rig.mission(k).waiting.code;
     let on_deck = matches!(state, State::Preparing | State::Countdown | State::SpinUp);
     let waits = matches!(waits, ReasonCode::NotCommanded | ReasonCode::Operator);
     let rests = flight.takes_off() && state == State::Hold && waits;
@@ -397,7 +404,8 @@ pub fn no_last_resort(rig: &Rig) -> Violation {
 /// Violation, long after the last fault, by a drone that neither landed nor stated a reason to wait, or that
 /// is held by a failsafe of PX4.
 pub fn is_stuck(rig: &Rig) -> Option<Violation> {
-    let (o, mission) = (rig.world.observation(), rig.mission(0));
+    let o = rig.world.observation();
+    let mission = rig.mission(0);
     let states_reason = mission.waiting.code != ReasonCode::None;
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let failsafe = autopilot.is_some_and(SimulatedAutopilot::holds_by_itself);
@@ -436,7 +444,8 @@ const REPORTS_S: f64 = 1.0;
 /// step and at least one of these: the charge, which the status compares with the way to the deck and one attempt; on
 /// a sortie, the time until the drone turns back; the landing place for a low battery; a reason that names the battery.
 pub fn is_unreported(rig: &Rig, reported_s: f64) -> Option<Violation> {
-    let (o, mission) = (rig.world.observation(), rig.mission(0));
+    let o = rig.world.observation();
+    let mission = rig.mission(0);
     let autopilot = rig.world.drones().first().and_then(|d| d.autopilot());
     let waits = o.motors_on && !o.in_water && autopilot.is_some_and(SimulatedAutopilot::in_offboard);
     let promised = mission.battery.is_some() || mission.turns_in_s.is_some_and(|left_s| left_s > 0.0);

@@ -24,7 +24,7 @@ use std::path::PathBuf;
 use alight_shared::config;
 use alight_shared::frames::{Deck, Point, Rotation, Vector, VesselBody};
 use alight_shared::geometry::DeckGeometry;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 
@@ -147,7 +147,7 @@ impl DeckCarrier {
             .map(|m| DeckCarrier::Recorded(Box::new(m))),
         }
     }
-    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
+    pub fn step(&mut self, t: WorldTime, dt_s: f64, sea: &Sea) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.step(t, dt_s, sea),
             DeckCarrier::Responding(vessel) => vessel.step(t, dt_s),
@@ -155,7 +155,7 @@ impl DeckCarrier {
         }
     }
     /// Starts the turn or speed change of the vessel's course, if it has one, a random time after `t`.
-    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+    pub fn ask_change(&mut self, t: WorldTime) {
         match self {
             DeckCarrier::Simulated(vessel) => vessel.ask_change(t),
             DeckCarrier::Responding(vessel) => vessel.ask_change(t),
@@ -287,7 +287,8 @@ impl RecordedMotion {
         }
         let blend = BLEND_S.min(0.25 * duration);
         let period = duration - blend;
-        let (head, tail) = (splines.at(0.5 * blend), splines.at(period + 0.5 * blend));
+        let head = splines.at(0.5 * blend);
+        let tail = splines.at(period + 0.5 * blend);
         let mut per_round = [0.0; CHANNELS];
         for c in [HEADING, SURGE, SWAY] {
             per_round[c] = tail[c].y - head[c].y;
@@ -340,10 +341,10 @@ impl RecordedMotion {
         self
     }
 
-    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
+    pub fn step(&mut self, t: WorldTime, dt_s: f64, sea: &Sea) {
         self.update(t + Span::from_secs(dt_s), sea);
     }
-    fn update(&mut self, t: Time<TrueTime>, sea: &Sea) {
+    fn update(&mut self, t: WorldTime, sea: &Sea) {
         self.state = self.state_at(t, sea);
         if self.water_follows {
             self.water_lift = self.channels(t.secs())[HEAVE].y;
@@ -369,11 +370,12 @@ impl RecordedMotion {
 
     fn place(&self, j: &[Jet; CHANNELS]) -> Vector2<f64> {
         let (s, c) = self.mean_heading.sin_cos();
-        let (surge, sway) = (j[SURGE].y, j[SWAY].y);
+        let surge = j[SURGE].y;
+        let sway = j[SWAY].y;
         Vector2::new(c * surge - s * sway, s * surge + c * sway)
     }
 
-    pub fn state_at(&self, t: Time<TrueTime>, sea: &Sea) -> RigidState<VesselBody> {
+    pub fn state_at(&self, t: WorldTime, sea: &Sea) -> RigidState<VesselBody> {
         let s = t.secs();
         let j = self.channels(s);
         let heave = if self.heave_recorded {
@@ -384,11 +386,9 @@ impl RecordedMotion {
                 sea.elevation(t + Span::from_secs(dt), deck.x, deck.y)
             };
             let h = SEA_STEP_S;
-            let (a, b, c) = (
-                up(&self.channels(s - h), -h),
-                up(&j, 0.0),
-                up(&self.channels(s + h), h),
-            );
+            let a = up(&self.channels(s - h), -h);
+            let b = up(&j, 0.0);
+            let c = up(&self.channels(s + h), h);
             Jet {
                 y: b,
                 d: (c - a) / (2.0 * h),

@@ -223,11 +223,9 @@ impl Channels {
             channels.has[c] = true;
             if knots.iter().all(|r| r.get(quantity).is_some()) {
                 let values = knots.iter().filter_map(|r| r.get(quantity));
-                channels
-                    .y
-                    .iter_mut()
-                    .zip(values)
-                    .for_each(|(y, v)| y[c] = v * turn);
+                for (y, v) in channels.y.iter_mut().zip(values) {
+                    y[c] = v * turn;
+                }
             } else {
                 let own = Own::of(&table.rows, quantity, turn)?;
                 channels.remarks.extend(own.fill(&channels.t, &mut channels.y, c));
@@ -337,7 +335,9 @@ fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
     let mut i = 0;
     while i < t.len() {
         let first = t[i];
-        let (mut sum_t, mut sum, mut n) = (0.0, [0.0; CHANNELS], 0.0);
+        let mut sum_t = 0.0;
+        let mut sum = [0.0; CHANNELS];
+        let mut n = 0.0;
         while i < t.len() && (t[i] == first || t[i] - first < min_step) {
             sum_t += t[i] - first;
             for c in 0..CHANNELS {
@@ -356,7 +356,8 @@ fn merge_close(t: &mut Vec<f64>, y: &mut Vec<[f64; CHANNELS]>, min_step: f64) {
 
 /// Trapezoidal time average outside gaps.
 fn time_average(t: &[f64], y: &[[f64; CHANNELS]], longest: f64) -> [f64; CHANNELS] {
-    let (mut sum, mut time) = ([0.0; CHANNELS], 0.0);
+    let mut sum = [0.0; CHANNELS];
+    let mut time = 0.0;
     for i in 1..t.len() {
         let dt = t[i] - t[i - 1];
         if dt <= longest {
@@ -386,14 +387,16 @@ fn bridge(
             high[c] = high[c].max(row[c]);
         }
     }
-    let (mut out_t, mut out_y) = (Vec::with_capacity(t.len()), Vec::with_capacity(y.len()));
+    let mut out_t = Vec::with_capacity(t.len());
+    let mut out_y = Vec::with_capacity(y.len());
     let mut gaps = 0;
     // Decay time on both sides of a gap, s.
     let fade = 3.0 * median;
     for i in 0..t.len() {
         if i > 0 && t[i] - t[i - 1] > longest {
             gaps += 1;
-            let (t0, t1) = (t[i - 1], t[i]);
+            let t0 = t[i - 1];
+            let t1 = t[i];
             let n = ((t1 - t0) / median).ceil().min(MAX_BRIDGE as f64) as usize;
             if out_t.len() + n > 2 * MAX_ROWS {
                 return None;

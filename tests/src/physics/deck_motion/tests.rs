@@ -40,7 +40,9 @@ fn assert_consistent(motion: &RecordedMotion, sea: &Sea, seconds: f64) {
     for i in 1..n {
         let t = 0.037 * f64::from(i);
         let at = |t: f64| motion.state_at(Time::from_secs(t), sea);
-        let (a, b, c) = (at(t - h), at(t), at(t + h));
+        let a = at(t - h);
+        let b = at(t);
+        let c = at(t + h);
         let v = (c.position.0 - a.position.0) / (2.0 * h);
         assert!((v - b.velocity.0).norm() < 2e-3, "{t}: {v} {}", b.velocity.0);
         let acc = (c.velocity.0 - a.velocity.0) / (2.0 * h);
@@ -92,7 +94,9 @@ fn rocking_deck_amplitude_and_frequency() {
         &Streams::new(3),
     );
     assert_consistent(&motion, &sea, 20.0);
-    let (mut peak, mut crossings, mut before) = ([0.0_f64; 2], 0, 0.0);
+    let mut peak = [0.0_f64; 2];
+    let mut crossings = 0;
+    let mut before = 0.0;
     for k in 0..4000 {
         let (roll, pitch, _) = motion
             .state_at(Time::from_secs(0.01 * f64::from(k)), &sea)
@@ -140,10 +144,8 @@ fn recorded_motion_signs() {
         ..DeckMotionConfig::default()
     };
     let motion = play(&(text.to_owned() + &rows), &keep, &sea).unwrap();
-    let (a, b) = (
-        motion.state_at(Time::from_secs(0.0), &sea),
-        motion.state_at(Time::from_secs(1.25), &sea),
-    );
+    let a = motion.state_at(Time::from_secs(0.0), &sea);
+    let b = motion.state_at(Time::from_secs(1.25), &sea);
     let x = 1.5_f64.sin();
     let e = b.euler();
     assert!((e.x.to_degrees() - x).abs() < 1e-9 && (e.y.to_degrees() - 2.0 * x).abs() < 1e-9);
@@ -167,7 +169,8 @@ fn recorded_motion_mean_tilt_and_scale() {
     let mean = |config: &DeckMotionConfig| {
         let m = play(&full(), config, &sea).unwrap();
         let states = (0..1200).map(|i| m.state_at(Time::from_secs(0.02 * f64::from(i)), &sea));
-        let (mut sum, mut square) = (0.0, 0.0);
+        let mut sum = 0.0;
+        let mut square = 0.0;
         for s in states {
             let roll = s.euler().x.to_degrees();
             sum += roll / 1200.0;
@@ -342,7 +345,9 @@ fn tank_recording_at_twice_its_size() {
         &Streams::new(1),
     )
     .unwrap();
-    let (mut sum, mut tilt, mut rate) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
+    let mut sum = Vector3::zeros();
+    let mut tilt = 0.0_f64;
+    let mut rate = 0.0_f64;
     let n = 70_000;
     for i in 0..n {
         let s = motion.state_at(Time::from_nanos(10_000_000 * i), &sea);
@@ -420,7 +425,8 @@ fn water_with_a_recorded_heave() {
             ..DeckMotionConfig::default()
         };
         let mut motion = play(&full(), &config, &sea).unwrap();
-        let (mut most, rest) = (0.0_f64, DeckGeometry::default().centre().z);
+        let mut most = 0.0_f64;
+        let rest = DeckGeometry::default().centre().z;
         for k in 0..2000 {
             motion.step(Time::from_secs(0.01 * f64::from(k)), 0.01, &sea);
             let deck = motion.state().at::<Deck>(DeckGeometry::default().centre());

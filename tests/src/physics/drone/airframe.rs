@@ -70,10 +70,8 @@ impl Airframe {
     ) -> Self {
         let mut rng = streams.stream("drone.airframe");
         let mut factor = |bound: f64| 1.0 + bound * (2.0 * rng.random::<f64>() - 1.0);
-        let (heavier, stronger) = (
-            config.mass_factor * factor(config.mass_error),
-            config.thrust_factor * factor(config.thrust_error),
-        );
+        let heavier = config.mass_factor * factor(config.mass_error);
+        let stronger = config.thrust_factor * factor(config.thrust_error);
         let d = drone.arm_m / 2.0_f64.sqrt();
         Airframe {
             mass: drone.mass_kg * heavier,
@@ -139,7 +137,8 @@ impl Airframe {
         wind: &Vector3<f64>,
         deck: Option<(&Vector3<f64>, &UnitQuaternion<f64>)>,
     ) -> (Vector3<f64>, Vector3<f64>) {
-        let (mut lift, mut moment) = (0.0, Vector3::zeros());
+        let mut lift = 0.0;
+        let mut moment = Vector3::zeros();
         for ((speed, hub), [_, _, sense]) in self.speeds.iter().zip(&self.hubs).zip(self.frame.rotors()) {
             let mut thrust = self.rotor_max * speed * speed;
             if let Some((centre, turn)) = deck {
@@ -255,7 +254,8 @@ mod tests {
     fn ground_effect_of_cheeseman_and_bennett() {
         let mut a = airframe(3);
         a.spin_up();
-        let (centre, turn) = (Vector3::zeros(), UnitQuaternion::identity());
+        let centre = Vector3::zeros();
+        let turn = UnitQuaternion::identity();
         let lift = |m: &AirframeMotion| -a.loads(m, &Vector3::zeros(), Some((&centre, &turn))).0.z;
         let free = a.mass * GRAVITY;
         // The rotor plane is 0.05 m above the centre of mass.
@@ -270,7 +270,8 @@ mod tests {
 
     #[test]
     fn drag_with_and_without_rotors() {
-        let (mut a, c) = (airframe(6), AirframeConfig::default());
+        let mut a = airframe(6);
+        let c = AirframeConfig::default();
         let wind = Vector3::new(10.0, 0.0, 0.0);
         let drag = |a: &Airframe| a.loads(&at(10.0), &wind, None).0.x / 100.0;
         assert!((drag(&a) - c.parked_drag_n_per_mps2).abs() < 1e-12);

@@ -205,7 +205,9 @@ impl GearContact {
 
     /// Holds a foot to the deck with this force, N.
     pub(crate) fn snag(&mut self, foot: usize, newton: f64) {
-        self.holds.iter_mut().skip(foot).take(1).for_each(|h| *h = newton);
+        for h in self.holds.iter_mut().skip(foot).take(1) {
+            *h = newton;
+        }
     }
 
     /// Force and moment about the centre of mass that hold touching feet to the deck, NED. The force acts

@@ -14,11 +14,11 @@ mod wind;
 #[cfg(test)]
 mod tests;
 
-use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector};
+use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector, yaw_rotation};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::Seq;
 use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::physics::body::RigidState;
@@ -73,7 +73,6 @@ pub struct SimulatedDrone {
     motion: AirframeMotion,
     acceleration: Vector3<f64>,
     angular_acceleration: Vector3<f64>,
-    nominal_max_n: f64,
     /// Height (NED z, m) of the pad before a take-off.
     pad: Option<f64>,
     /// Specific force over the last step, body frame, m/s².
@@ -84,7 +83,7 @@ pub struct SimulatedDrone {
 /// from body, rates and specific force in the body frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PlantState {
-    pub at: Time<TrueTime>,
+    pub at: WorldTime,
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub attitude: UnitQuaternion<f64>,
@@ -95,9 +94,12 @@ pub struct PlantState {
 /// The deck at the fraction `s` of the interval of `h` seconds from `a` to `b`: cubic in position, constant
 /// rotation rate.
 fn between([a, b]: &[RigidState<Deck>; 2], h: f64, s: f64) -> RigidState<Deck> {
-    let (p, q) = (a.position.0, b.position.0);
-    let (v, w) = (a.velocity.0 * h, b.velocity.0 * h);
-    let (c2, c3) = ((q - p) * 3.0 - v * 2.0 - w, (p - q) * 2.0 + v + w);
+    let p = a.position.0;
+    let q = b.position.0;
+    let v = a.velocity.0 * h;
+    let w = b.velocity.0 * h;
+    let c2 = (q - p) * 3.0 - v * 2.0 - w;
+    let c3 = (p - q) * 2.0 + v + w;
     RigidState {
         position: Point::from(p + (v + (c2 + c3 * s) * s) * s),
         velocity: Vector::from((v + (c2 * 2.0 + c3 * (3.0 * s)) * s) / h),
@@ -127,7 +129,7 @@ impl SimulatedDrone {
         let motion = AirframeMotion {
             position: start.position,
             velocity: Vector3::zeros(),
-            attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, start.yaw),
+            attitude: yaw_rotation(start.yaw),
             rates: Vector3::zeros(),
         };
         SimulatedDrone {
@@ -140,7 +142,6 @@ impl SimulatedDrone {
             motion,
             acceleration: Vector3::zeros(),
             angular_acceleration: Vector3::zeros(),
-            nominal_max_n: drone.max_thrust_n,
             pad: None,
             specific_force: Vector3::new(0.0, 0.0, -GRAVITY),
         }
@@ -167,7 +168,7 @@ impl SimulatedDrone {
     pub fn snag(&mut self, foot: usize, newton: f64) {
         self.contact.snag(foot, newton);
     }
-    pub fn plant_state(&self, at: Time<TrueTime>) -> PlantState {
+    pub fn plant_state(&self, at: WorldTime) -> PlantState {
         PlantState {
             at,
             position: self.motion.position,
@@ -183,7 +184,7 @@ impl SimulatedDrone {
     /// initial state and returns fractions of a rotor's maximum thrust; None: motors off.
     pub fn step(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         dt: Span,
         deck: &[RigidState<Deck>; 2],
         water_z: f64,
@@ -261,7 +262,7 @@ impl SimulatedDrone {
             let (_, _, yaw) = m.attitude.euler_angles();
             m.position.z = pad;
             m.velocity = Vector3::new(0.0, 0.0, m.velocity.z.min(0.0));
-            m.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+            m.attitude = yaw_rotation(yaw);
             m.rates = Vector3::zeros();
         }
     }
@@ -325,10 +326,6 @@ impl SimulatedDrone {
     pub fn hover_thrust(&self) -> f64 {
         self.airframe.hover()
     }
-    /// Thrust at a normalised command of 1, N.
-    pub fn nominal_max_n(&self) -> f64 {
-        self.nominal_max_n
-    }
 }
 
 /// Motion over a tick: cubic Hermite in position, constant rotation rate.
@@ -341,8 +338,10 @@ struct DeckPath {
 
 impl DeckPath {
     fn new(start: &RigidState<Deck>, end: &RigidState<Deck>, length: f64) -> Self {
-        let (p0, p1) = (start.position.0, end.position.0);
-        let (v0, v1) = (start.velocity.0 * length, end.velocity.0 * length);
+        let p0 = start.position.0;
+        let p1 = end.position.0;
+        let v0 = start.velocity.0 * length;
+        let v1 = end.velocity.0 * length;
         let turn = end.attitude.0 * start.attitude.0.inverse();
         DeckPath {
             a: [p0, v0, (p1 - p0) * 3.0 - v0 * 2.0 - v1, (p0 - p1) * 2.0 + v0 + v1],

@@ -67,15 +67,21 @@ impl BodyWake {
         ambient: [f64; 3],
     ) -> Option<BodyWake> {
         let [low, high] = [body.low, body.high].map(|c| Vector3::from(c.map(f64::from)));
-        let (size, from) = (high - low, place - 0.5 * (low + high));
-        let (along, across) = (towards.abs(), Vector2::new(towards.y.abs(), towards.x.abs()));
-        let (length, width, height) = (along.dot(&size.xy()), across.dot(&size.xy()), size.z);
+        let size = high - low;
+        let from = place - 0.5 * (low + high);
+        let along = towards.abs();
+        let across = Vector2::new(towards.y.abs(), towards.x.abs());
+        let length = along.dot(&size.xy());
+        let width = across.dot(&size.xy());
+        let height = size.z;
         let x = from.xy().dot(towards) + 0.5 * length;
-        let (y, z) = (from.xy().perp(towards).abs(), high.z - place.z);
+        let y = from.xy().perp(towards).abs();
+        let z = high.z - place.z;
         if x <= 0.0 || z < 0.0 || width.min(height) <= 0.0 {
             return None;
         }
-        let (h, w) = (height.min(8.0 * width), width.min(8.0 * height));
+        let h = height.min(8.0 * width);
+        let w = width.min(8.0 * height);
         let scale = h.min(w).powf(2.0 / 3.0) * h.max(w).cbrt();
         let top = 1.2 * scale * (x / scale + (height / (1.2 * scale)).powi(3)).cbrt();
         let side = 0.5 * width + scale / 3.0 * (x / scale).cbrt();
@@ -108,7 +114,8 @@ impl BodyWake {
 /// length `1.8 W / ((L/H)^e (1 + 0.24 W/H))`, with L/H clamped to 0.3 to 3 and e = 0.3, less for a slender
 /// box (Fackrell 1984, as in PRIME).
 fn cavity_height([length, width, height]: [f64; 3], scale: f64, x: f64) -> f64 {
-    let (ratio, slender) = (width / height, (width / height - 0.33) / 0.67);
+    let ratio = width / height;
+    let slender = (width / height - 0.33) / 0.67;
     let exponent = 0.3 * slender.clamp(0.0, 1.0);
     let behind = 1.8 * width / ((length / height).clamp(0.3, 3.0).powf(exponent) * (1.0 + 0.24 * ratio));
     let arc =
@@ -164,7 +171,8 @@ mod tests {
 
     #[test]
     fn fetch_from_the_windward_edge() {
-        let (half, from_ahead) = ([1.25, 0.85], Vector2::new(-1.0, 0.0));
+        let half = [1.25, 0.85];
+        let from_ahead = Vector2::new(-1.0, 0.0);
         let at = |x: f64, y: f64| fetch(half, &Vector3::new(x, y, -0.3), &from_ahead);
         assert!((at(-1.0, 0.5).unwrap() - 2.25).abs() < 1e-9);
         assert_eq!(at(0.0, 0.9), None);
@@ -193,7 +201,8 @@ mod tests {
     fn wake_sides_and_top() {
         assert!(aft(-2.5, 0.0, 1.0).is_none(), "ahead of the box");
         assert!(aft(2.0, 3.0, 1.0).is_none() && aft(2.0, 0.0, 4.0).is_none());
-        let (middle, edge) = (aft(2.0, 0.0, 0.5).unwrap(), aft(2.0, 1.7, 0.5).unwrap());
+        let middle = aft(2.0, 0.0, 0.5).unwrap();
+        let edge = aft(2.0, 1.7, 0.5).unwrap();
         assert!(edge.speed > middle.speed && edge.intensity[0] < middle.intensity[0]);
         // The wind's own turbulence is not added twice.
         let gusty = BodyWake::of(

@@ -1,5 +1,6 @@
 use alight_shared::frames::{Deck, Point, Rotation, Vector};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
+use alight_shared::time::Time;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
@@ -49,7 +50,8 @@ fn tick(
     to: &RigidState<Deck>,
     water_z: f64,
 ) -> StepReport {
-    let (t, dt) = (Time::from_secs(t), Span::from_secs(DT));
+    let t = Time::from_secs(t);
+    let dt = Span::from_secs(DT);
     w.step(t, dt, &[*from, *to], water_z, 1, |_| None).remove(0)
 }
 /// Impacts within `seconds` above a deck at rest.
@@ -81,7 +83,9 @@ fn contact_restitution() {
         let mut w = drone(&c, 1, Vector3::zeros());
         let height = speed * speed / (2.0 * GRAVITY);
         drop_from(&mut w, still(Vector3::new(0.0, 0.0, -FEET - height), 0.0, 0.0));
-        let (mut impacts, mut top, mut fastest) = (Vec::new(), 0.0_f64, 0.0_f64);
+        let mut impacts = Vec::new();
+        let mut top = 0.0_f64;
+        let mut fastest = 0.0_f64;
         for k in 0..60 {
             impacts.extend(tick(&mut w, f64::from(k) * DT, &deck, &deck, 100.0).impacts);
             if impacts.len() >= 4 && impacts.len() < 5 {
@@ -128,13 +132,11 @@ fn contact_friction_at_10_and_30_deg() {
 }
 
 fn on_holding_deck(config: &DroneConfig, hold_n: f64, tilt: f64) -> (SimulatedDrone, RigidState<Deck>) {
-    let (deck, tilt) = (
-        DeckGeometry {
-            hold_n,
-            ..DeckGeometry::default()
-        },
-        tilt.to_radians(),
-    );
+    let deck = DeckGeometry {
+        hold_n,
+        ..DeckGeometry::default()
+    };
+    let tilt = tilt.to_radians();
     let at = deck_at(Vector3::zeros(), tilt, 0.0);
     let mut w = drone_over(config, &deck, 1, Vector3::zeros());
     let above = at.attitude.0 * Vector3::new(0.0, 0.0, -FEET - 0.001);
@@ -177,7 +179,9 @@ fn parked_drone_under_drag_and_friction() {
     for (mean_mps, slides) in [(9.0, false), (13.0, true)] {
         let mut c = ideal();
         c.contact.friction = 0.1;
-        (c.wind.mean_mps, c.wind.to_deg, c.wind.gusts) = (mean_mps, Some(90.0), false);
+        c.wind.mean_mps = mean_mps;
+        c.wind.to_deg = Some(90.0);
+        c.wind.gusts = false;
         let deck = deck_at(Vector3::new(0.0, 0.0, -1.3), 0.0, 0.0);
         let mut w = drone(&c, 1, Vector3::zeros());
         drop_from(&mut w, still(Vector3::new(0.0, 0.0, -1.3 - FEET), 0.0, 0.0));
@@ -257,7 +261,9 @@ fn drone_at_rest_on_a_rocking_deck() {
     let place = |w: &SimulatedDrone, d: &RigidState<Deck>| {
         d.attitude.0.inverse() * (w.motion.position - d.position.0)
     };
-    let (mut at_rest, mut worst_speed, mut moved) = (Vector3::zeros(), 0.0_f64, 0.0_f64);
+    let mut at_rest = Vector3::zeros();
+    let mut worst_speed = 0.0_f64;
+    let mut moved = 0.0_f64;
     for k in 0..1200 {
         let t = f64::from(k) * DT;
         let r = tick(&mut w, t, &deck(t), &deck(t + DT), 100.0);
@@ -286,7 +292,8 @@ fn free_fall_across_the_hand_over_to_rapier() {
     // The drone falls past the deck's edge: rapier runs, but no part touches.
     let deck = deck_at(Vector3::new(123.0, 45.0, -1.3), 0.05, 0.1);
     let mut c = ideal();
-    (c.airframe.drag_n_per_mps2, c.airframe.parked_drag_n_per_mps2) = (0.0, 0.0);
+    c.airframe.drag_n_per_mps2 = 0.0;
+    c.airframe.parked_drag_n_per_mps2 = 0.0;
     let mut w = drone(&c, 1, Vector3::zeros());
     let start = Vector3::new(123.0, 45.0 + 0.85 + 0.45, -4.0);
     drop_from(&mut w, still(start, 0.0, 0.0));

@@ -88,7 +88,8 @@ pub(crate) fn drawn_direction(rng: &mut Stream) -> f64 {
 
 impl SimulatedWind {
     pub(crate) fn new(config: &WindConfig, streams: &Streams) -> Self {
-        let (mut rng, mut wake_rng) = (streams.stream("wind"), streams.stream("wind/wake"));
+        let mut rng = streams.stream("wind");
+        let mut wake_rng = streams.stream("wind/wake");
         let drawn = drawn_direction(&mut rng);
         let to = config.to_deg.map_or(drawn, f64::to_radians);
         let ahead = Vector3::new(to.cos(), to.sin(), 0.0);
@@ -216,7 +217,9 @@ mod tests {
             gusts: true,
         };
         let mut wind = SimulatedWind::new(&config, &Streams::new(7));
-        let (mut sum, mut square, n) = (Vector3::zeros(), Vector3::zeros(), 400_000);
+        let mut sum = Vector3::zeros();
+        let mut square = Vector3::zeros();
+        let n = 400_000;
         for _ in 0..n {
             wind.step(0.05, height, &Vector3::zeros(), over);
             sum += wind.velocity();

@@ -243,7 +243,8 @@ impl FromStr for SeaConfig {
         }
         let (a, t) = text.split_once(',').ok_or_else(expected)?;
         let number = |s: &str| s.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-        let (a, t) = (number(a).ok_or_else(expected)?, number(t).ok_or_else(expected)?);
+        let a = number(a).ok_or_else(expected)?;
+        let t = number(t).ok_or_else(expected)?;
         if a == 0.0 && t == 0.0 {
             return Ok(Self::paper(0.0, 5.0));
         }
@@ -318,7 +319,8 @@ mod tests {
         for state in 1..=5_u8 {
             let sea = SeaConfig::of_sea_state(state).unwrap();
             assert!(sea.check(&Keys::ROOT).is_ok());
-            let (height, n) = (sea.systems[0].significant_height_m, usize::from(state));
+            let height = sea.systems[0].significant_height_m;
+            let n = usize::from(state);
             assert!((limits[n - 1]..limits[n]).contains(&height), "{state}: {height}");
             let wind = SeaConfig::wind_of_height(height) / (10.0_f64 / 19.4).powf(1.0 / 7.0);
             assert!((wind - wind_kn[n - 1] * 0.5144).abs() < 0.8, "{state}: {wind}");

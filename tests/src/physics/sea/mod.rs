@@ -21,7 +21,7 @@ use core::f64::consts::TAU;
 
 use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geometry::GRAVITY;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 
@@ -188,18 +188,18 @@ impl Sea {
     }
 
     /// Surface at `north`, `east` (m), positive up, m.
-    pub fn elevation(&self, t: Time<TrueTime>, north: f64, east: f64) -> f64 {
+    pub fn elevation(&self, t: WorldTime, north: f64, east: f64) -> f64 {
         self.surface(t, north, east).elevation_m
     }
     /// Water at the surface above or below `north`, `east` (m).
-    pub fn surface(&self, t: Time<TrueTime>, north: f64, east: f64) -> WaterSample {
+    pub fn surface(&self, t: WorldTime, north: f64, east: f64) -> WaterSample {
         let mut out = [WaterSample::default()];
         self.sample(t, &[Vector2::new(north, east)], 0.0, &mut out);
         out[0]
     }
     /// Samples many points (north, east, m): the surface above each point, and the motion at `depth_m` below
     /// the surface.
-    pub fn sample(&self, t: Time<TrueTime>, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
+    pub fn sample(&self, t: WorldTime, points: &[Vector2<f64>], depth_m: f64, out: &mut [WaterSample]) {
         let n = self.components.len();
         let t = t.secs();
         if self.linear {
@@ -240,7 +240,8 @@ impl Sea {
             } else {
                 1.0
             };
-            let (up, across) = (c.amplitude_m * cos, c.amplitude_m * sin);
+            let up = c.amplitude_m * cos;
+            let across = c.amplitude_m * sin;
             w.elevation_m += up;
             w.slope -= c.direction * (c.wave_number * across);
             let speed = c.frequency * decay;
@@ -392,7 +393,8 @@ fn irregular(k: usize, system: &WaveSystem, mean: f64, n: usize, streams: &Strea
         0 => streams.stream(name),
         _ => streams.stream(&format!("{name} {k}")),
     };
-    let (mut directions, mut phases) = (stream("sea/direction"), stream("sea/phase"));
+    let mut directions = stream("sea/direction");
+    let mut phases = stream("sea/phase");
     let peak = TAU / system.peak_period_s;
     let mean = mean + system.from_mean_deg.to_radians();
     spectrum::frequencies(peak, system.enhancement(), n, &mut stream("sea/frequency"))

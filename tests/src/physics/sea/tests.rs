@@ -1,6 +1,7 @@
 use super::*;
+use alight_shared::time::Time;
 
-fn at(s: f64) -> Time<TrueTime> {
+fn at(s: f64) -> WorldTime {
     Time::from_secs(s)
 }
 fn paper(a: f64, t: f64, seed: u64) -> Sea {
@@ -37,15 +38,19 @@ fn paper_sea_components() {
 fn paper_sea_slopes_and_speeds() {
     // Derived from the paper's sea of 0.5 m, 5 s: up to about 3 m from crest to trough, a slope of up to 13.8
     // deg, and a vertical speed of up to 1.9 m/s. No seed exceeds these by much, and some come close.
-    let (mut slope, mut range, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64);
+    let mut slope = 0.0_f64;
+    let mut range = 0.0_f64;
+    let mut speed = 0.0_f64;
     for seed in 0..40 {
         let sea = paper(0.5, 5.0, seed);
-        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        let mut low = 0.0_f64;
+        let mut high = 0.0_f64;
         for i in 0..1500 {
             let w = sea.surface(at(0.2 * f64::from(i)), 0.0, 0.0);
             slope = slope.max(w.slope.norm().atan().to_degrees());
             speed = speed.max(w.velocity.z.abs());
-            (low, high) = (low.min(w.elevation_m), high.max(w.elevation_m));
+            low = low.min(w.elevation_m);
+            high = high.max(w.elevation_m);
         }
         range = range.max(high - low);
     }
@@ -66,7 +71,9 @@ fn sea_surface_against_particles() {
         for i in 0..300 {
             let label = Vector2::new(0.7 * f64::from(i), -0.3 * f64::from(i));
             let t = 0.13 * f64::from(i);
-            let (mut x, mut up, mut v) = (label, 0.0, Vector3::zeros());
+            let mut x = label;
+            let mut up = 0.0;
+            let mut v = Vector3::zeros();
             for c in sea.components() {
                 let (s, co) = (c.wave_number * c.direction.dot(&label) - c.frequency * t + c.phase).sin_cos();
                 x -= c.direction * (sea.steepness_factor * c.amplitude_m * s);
@@ -89,7 +96,9 @@ fn sea_surface_against_particles() {
 fn sea_slope_against_elevation_gradient() {
     for sea in [paper(0.8, 5.0, 4), irregular_sea(4)] {
         for i in 0..100 {
-            let (n, e, t) = (1.7 * f64::from(i), 40.0 - f64::from(i), at(0.31 * f64::from(i)));
+            let n = 1.7 * f64::from(i);
+            let e = 40.0 - f64::from(i);
+            let t = at(0.31 * f64::from(i));
             let h = 1e-3;
             let dn = (sea.elevation(t, n + h, e) - sea.elevation(t, n - h, e)) / (2.0 * h);
             let de = (sea.elevation(t, n, e + h) - sea.elevation(t, n, e - h)) / (2.0 * h);

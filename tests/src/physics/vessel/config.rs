@@ -151,7 +151,8 @@ impl VesselConfig {
     /// Raises the engines' thrust to reach this speed (m/s): quadratic drag, with the reserve of the default
     /// engines, which are sized for 1.5 m/s.
     pub fn power_for(&mut self, speed_mps: f64) {
-        let (more, default) = ((speed_mps / 1.5).powi(2), VesselConfig::default());
+        let more = (speed_mps / 1.5).powi(2);
+        let default = VesselConfig::default();
         self.thrust_forward_n = self.thrust_forward_n.max(more * default.thrust_forward_n);
         self.thrust_reverse_n = self.thrust_reverse_n.max(more * default.thrust_reverse_n);
     }

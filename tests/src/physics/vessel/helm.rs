@@ -99,7 +99,8 @@ impl Helm {
     fn hold(&self, here: &PathPoint, at: Vector2<f64>, heading: f64, nu: &Vector6<f64>) -> Vector3<f64> {
         let (s, c) = heading.sin_cos();
         let body = |v: Vector2<f64>| Vector2::new(c * v.x + s * v.y, c * v.y - s * v.x);
-        let (off, velocity) = (body(here.position - at), body(here.velocity));
+        let off = body(here.position - at);
+        let velocity = body(here.velocity);
         let w = HOLD_FREQUENCY;
         let pull = |mass: f64, off: f64, rate: f64| mass * w * (w * off + 2.0 * rate);
         let [surge, sway, yaw] = self.inertia;

@@ -43,7 +43,8 @@ impl Hull {
         let length = config.hull_length_m;
         let volume = config.mass_kg / WATER_DENSITY;
         // Bisection: the area increases with the draft.
-        let (mut low, mut high) = (0.0, r);
+        let mut low = 0.0;
+        let mut high = r;
         for _ in 0..60 {
             let mid = 0.5 * (low + high);
             if 2.0 * length * segment(r, mid).0 < volume {
@@ -103,7 +104,8 @@ mod tests {
             let (area, lever_arm) = segment(r, depth);
             let d = f64::min(depth, r);
             let n = 20_000;
-            let (mut a, mut m) = (0.0, 0.0);
+            let mut a = 0.0;
+            let mut m = 0.0;
             for i in 0..n {
                 let z = r - d + d * (f64::from(i) + 0.5) / f64::from(n);
                 let strip = 2.0 * (r * r - z * z).sqrt() * d / f64::from(n);

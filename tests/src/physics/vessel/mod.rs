@@ -23,7 +23,7 @@ use core::f64::consts::TAU;
 
 use alight_shared::frames::{Point, Rotation, TrueNed, Vector, VesselBody};
 use alight_shared::geometry::GRAVITY;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 use nalgebra::{Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3, Vector6};
 use rand::RngExt;
 
@@ -50,7 +50,7 @@ struct Motion {
 /// Water at the sections at one time, and the positions of the samples.
 #[derive(Clone, Debug)]
 struct WaterAt {
-    time: Time<TrueTime>,
+    time: WorldTime,
     places: Vec<Vector2<f64>>,
     samples: Vec<WaterSample>,
 }
@@ -107,7 +107,8 @@ impl Vessel {
         quadratic_drag[5] = config.quadratic_yaw_drag_nms2;
         let mut fastest = 1.0_f64;
         for i in 0..3 {
-            let (k, m) = (hull.stiffness[i].max(0.0), mass[(i + 2, i + 2)]);
+            let k = hull.stiffness[i].max(0.0);
+            let m = mass[(i + 2, i + 2)];
             linear_drag[i + 2] = 2.0 * config.damping_ratio[i] * (k * m).sqrt();
             fastest = fastest.max((k / m).sqrt() * (1.0 + config.damping_ratio[i]));
         }
@@ -165,7 +166,7 @@ impl Vessel {
     }
 
     /// Advances from `t` by `dt_s`, which is at most 0.1 s.
-    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64, sea: &Sea) {
+    pub fn step(&mut self, t: WorldTime, dt_s: f64, sea: &Sea) {
         if !(dt_s > 0.0 && dt_s <= 0.1) {
             return;
         }
@@ -208,7 +209,8 @@ impl Vessel {
     }
     pub fn state(&self) -> RigidState<VesselBody> {
         let m = &self.motion;
-        let (v, w) = (head(&m.nu), tail(&m.nu));
+        let v = head(&m.nu);
+        let w = tail(&m.nu);
         RigidState {
             position: Point::<TrueNed>::from(m.position),
             velocity: Vector::from(m.attitude * v),
@@ -219,15 +221,12 @@ impl Vessel {
             angular_acceleration: Vector::from(tail(&self.nu_dot)),
         }
     }
-    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+    pub fn ask_change(&mut self, t: WorldTime) {
         self.helm.ask_change(t.secs());
-    }
-    pub fn hull(&self) -> &Hull {
-        &self.hull
     }
 
     /// Samples the sea at the sections, at half the draft.
-    fn ask_water(&mut self, t: Time<TrueTime>, sea: &Sea) {
+    fn ask_water(&mut self, t: WorldTime, sea: &Sea) {
         let m = &self.motion;
         for (place, c) in self.after.places.iter_mut().zip(&self.hull.centres) {
             *place = (m.position + m.attitude * c).xy();
@@ -284,12 +283,15 @@ impl Vessel {
         let mut pressure = Vector6::zeros();
         let mut volume_sum = 0.0;
         // Sums for the water's mean velocity and acceleration over the hulls, body frame.
-        let (mut u_sum, mut a_sum) = (Vector3::zeros(), Vector3::zeros());
-        let (mut u_turn, mut a_turn) = (Vector3::zeros(), Vector3::zeros());
+        let mut u_sum = Vector3::zeros();
+        let mut a_sum = Vector3::zeros();
+        let mut u_turn = Vector3::zeros();
+        let mut a_turn = Vector3::zeros();
         let mut arms = Vector3::<f64>::zeros();
         for (i, c) in self.hull.centres.iter().enumerate() {
             let centre = m.position + r * c;
-            let (s0, s1) = (&self.before.samples[i], &self.after.samples[i]);
+            let s0 = &self.before.samples[i];
+            let s1 = &self.after.samples[i];
             let mix = |a: f64, b: f64| a + (b - a) * f;
             let slope = s0.slope + (s1.slope - s0.slope) * f;
             let place = self.before.places[i] + (self.after.places[i] - self.before.places[i]) * f;

@@ -108,7 +108,8 @@ impl MeanPath {
             _ if !under_way => Shape::Straight,
             VesselCourse::Square => Shape::Turns(Turns::square(speed, config.side_m)),
             VesselCourse::Zigzag => {
-                let (angle, leg) = (side * between(10.0, 20.0).to_radians(), between(10.0, 20.0));
+                let angle = side * between(10.0, 20.0).to_radians();
+                let leg = between(10.0, 20.0);
                 // The first leg is off the mean course by half the turn's angle.
                 path.heading -= angle;
                 Shape::Turns(Turns::zigzag(speed, 2.0 * angle, leg))
@@ -329,7 +330,8 @@ impl Turns {
         };
         let start = Vector2::new(speed * self.begins.at, 0.0) + steps(cycle) * rounds + steps(turn % cycle);
         let start = turned(start, first_heading);
-        let (heading, side) = (first_heading + self.turned_before(turn), self.side(turn));
+        let heading = first_heading + self.turned_before(turn);
+        let side = self.side(turn);
         let mirrored = |v: Vector2<f64>| Vector2::new(v.x, side * v.y);
         if since >= self.turn {
             let whole = mirrored(self.way.last().copied().unwrap_or_default());
@@ -352,9 +354,12 @@ impl Turns {
             let heading = self.angle * smooth_step(k as f64 * h, self.turn).y;
             turned(Vector2::new(speed, 0.0), heading) * h
         };
-        let (p, q) = (self.way[i], self.way[i + 1]);
-        let (v, w) = (velocity(i), velocity(i + 1));
-        let (c2, c3) = ((q - p) * 3.0 - v * 2.0 - w, (p - q) * 2.0 + v + w);
+        let p = self.way[i];
+        let q = self.way[i + 1];
+        let v = velocity(i);
+        let w = velocity(i + 1);
+        let c2 = (q - p) * 3.0 - v * 2.0 - w;
+        let c3 = (p - q) * 2.0 + v + w;
         p + (v + (c2 + c3 * s) * s) * s
     }
 }
@@ -443,7 +448,8 @@ mod tests {
 
     #[test]
     fn open_turn_within_six_seconds() {
-        let (mut sides, mut angles) = ([0; 2], [f64::MAX, 0.0]);
+        let mut sides = [0; 2];
+        let mut angles = [f64::MAX, 0.0];
         for seed in 0..40 {
             let config = VesselConfig {
                 course: VesselCourse::Turn,

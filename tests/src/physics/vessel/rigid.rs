@@ -21,8 +21,10 @@ pub fn rigid_body_mass(mass: f64, cg: Vector3<f64>, inertia: Vector3<f64>) -> Ma
 /// `[p; h] = M nu`, it is `[w x p; v x p + w x h]`.
 pub fn coriolis(m: &Matrix6<f64>, nu: &Vector6<f64>) -> Vector6<f64> {
     let momentum = m * nu;
-    let (v, w) = (head(nu), tail(nu));
-    let (p, h) = (head(&momentum), tail(&momentum));
+    let v = head(nu);
+    let w = tail(nu);
+    let p = head(&momentum);
+    let h = tail(&momentum);
     join(w.cross(&p), v.cross(&p) + w.cross(&h))
 }
 
@@ -57,7 +59,8 @@ mod tests {
         let mut nu = Vector6::new(2.0, -0.5, 0.3, 0.4, -0.3, 0.6);
         let mut q = nalgebra::UnitQuaternion::identity();
         let energy = |nu: &Vector6<f64>| 0.5 * nu.dot(&(m * nu));
-        let (e0, p0) = (energy(&nu), head(&(m * nu)));
+        let e0 = energy(&nu);
+        let p0 = head(&(m * nu));
         let dt = 0.002;
         for _ in 0..5000 {
             let k1 = f(&nu);

@@ -75,7 +75,10 @@ fn vessel_in_long_waves() {
         ..VesselConfig::default()
     };
     let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
-    let (mut heave, mut tilt, mut deficit, mut speed) = (0.0_f64, 0.0_f64, 0.0_f64, 0.0_f64);
+    let mut heave = 0.0_f64;
+    let mut tilt = 0.0_f64;
+    let mut deficit = 0.0_f64;
+    let mut speed = 0.0_f64;
     run(&mut vessel, &sea, 60.0, |t, s| {
         let w = sea.surface(Time::from_secs(t), s.position.0.x, s.position.0.y);
         heave = heave.max((s.position.0.z - w.surface_z()).abs());
@@ -101,13 +104,17 @@ fn vessel_without_sideways_coupling() {
             ..heading_north()
         };
         let mut vessel = Vessel::new(&config, &sea, &Streams::new(1));
-        let (mut low, mut high) = (0.0_f64, 0.0_f64);
+        let mut low = 0.0_f64;
+        let mut high = 0.0_f64;
         run(&mut vessel, &sea, 30.0, |_, s| {
-            (low, high) = (low.min(s.velocity.0.x), high.max(s.velocity.0.x));
+            low = low.min(s.velocity.0.x);
+            high = high.max(s.velocity.0.x);
         });
         high - low
     };
-    let (full, half, none) = (reach(1.0), reach(0.5), reach(0.0));
+    let full = reach(1.0);
+    let half = reach(0.5);
+    let none = reach(0.0);
     assert!(none < 0.35 * full && half < 0.75 * full, "{full} {half} {none}");
 }
 
@@ -187,11 +194,13 @@ fn vessel_square_course_at_2_mps() {
     };
     let mut vessel = Vessel::new(&config, &sea, &Streams::new(3));
     let mut legs = [0_u32; 4];
-    let (mut low, mut high) = (Vector3::repeat(f64::MAX), Vector3::repeat(f64::MIN));
+    let mut low = Vector3::repeat(f64::MAX);
+    let mut high = Vector3::repeat(f64::MIN);
     run(&mut vessel, &sea, 90.0, |_, s| {
         let quarter = (s.euler().z.rem_euclid(TAU) / (TAU / 4.0)).round() as usize % 4;
         legs[quarter] += 1;
-        (low, high) = (low.inf(&s.position.0), high.sup(&s.position.0));
+        low = low.inf(&s.position.0);
+        high = high.sup(&s.position.0);
     });
     assert!(legs.iter().all(|n| *n > 1600), "{legs:?}");
     for i in 0..2 {
@@ -220,7 +229,10 @@ fn vessel_mean_path_on_every_course() {
             let streams = Streams::new(seed);
             let path = path::MeanPath::new(&config, 0.0, &streams);
             let mut vessel = Vessel::new(&config, &sea, &streams);
-            let (mut speed, mut heading, mut place, mut n) = (0.0, 0.0, 0.0_f64, 0.0);
+            let mut speed = 0.0;
+            let mut heading = 0.0;
+            let mut place = 0.0_f64;
+            let mut n = 0.0;
             run(&mut vessel, &sea, 120.0, |t, s| {
                 // The waves average out.
                 let here = path.at(t);

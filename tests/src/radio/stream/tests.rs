@@ -1,6 +1,7 @@
 use super::*;
 use crate::physics::streams::Streams;
 use crate::radio::Direction;
+use alight_shared::time::Time;
 
 fn run(config: &SimulatedRadioConfig, seed: u64, n: usize, bytes: usize) -> (Vec<(usize, f64)>, u64) {
     let streams = Streams::new(seed);
@@ -48,7 +49,8 @@ fn ages(loss: f64, congestion: Congestion) -> [f64; 2] {
         let there = RadioChannel::new(&config, Direction::ToDrone, &streams);
         let back = RadioChannel::back(&config, Direction::ToDrone, &streams);
         let mut stream = RadioStream::new(&config, there, back);
-        let (mut newest, mut ages) = (0.0, Vec::new());
+        let mut newest = 0.0;
+        let mut ages = Vec::new();
         for k in 0..9000 {
             let s = f64::from(k) * 0.01;
             if k % 3 == 0 {
@@ -105,7 +107,8 @@ fn stream_with_loss() {
     assert!(got.windows(2).all(|w| w[0].0 < w[1].0), "out of order");
     // Reference measured over an emulated link (10 % loss each way, 50 ms, 50 Hz, 1024 B): 80 ms and 312 ms.
     // A tenth of the messages wait for their own retransmission.
-    let (median, late) = (quantile(&got, 0.5), quantile(&got, 0.99));
+    let median = quantile(&got, 0.5);
+    let late = quantile(&got, 0.99);
     assert!((0.05..0.16).contains(&median), "{median}");
     assert!((0.15..0.9).contains(&late), "{late}");
 }

@@ -1,3 +1,4 @@
+use alight_shared::frames::yaw_rotation;
 use alight_shared::geometry::GRAVITY;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -21,7 +22,8 @@ impl SimulatedFlight {
         }
         velocity.z = velocity.z.clamp(-c.max_climb_mps[0], c.max_climb_mps[1]);
 
-        let ([p, i, d], [pz, iz, dz]) = (c.velocity_pid, c.climb_pid);
+        let [p, i, d] = c.velocity_pid;
+        let [pz, iz, dz] = c.climb_pid;
         let error = velocity - e.velocity;
         let pid = |p: f64, d: f64, k: usize| p * error[k] - d * e.acceleration[k];
         let wanted =
@@ -64,7 +66,7 @@ impl SimulatedFlight {
 fn attitude_of(down: &Vector3<f64>, yaw: f64) -> UnitQuaternion<f64> {
     let right = Vector3::new(-yaw.sin(), yaw.cos(), 0.0);
     let Some(forward) = right.cross(down).try_normalize(1e-6) else {
-        return UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+        return yaw_rotation(yaw);
     };
     let right = down.cross(&forward);
     let matrix = Matrix3::from_columns(&[forward, right, *down]);

@@ -153,7 +153,8 @@ fn white_noise(values: &[f64]) -> Option<f64> {
 /// Values with extrapolated peaks, number of clipped places, and clipping limits.
 fn unclipped(knots: &Knots<'_>, values: &[f64], step: f64) -> (Vec<f64>, usize, Vec<f64>) {
     let mut out = values.to_vec();
-    let (mut places, mut limits) = (0, Vec::new());
+    let mut places = 0;
+    let mut limits = Vec::new();
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
     let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let range = high - low;
@@ -215,7 +216,8 @@ fn runs(values: &[f64], limit: f64) -> Vec<(usize, usize)> {
 
 /// Cubic fits around each row within half a `window`, weighted by `1 - u²`; fits do not cross gaps.
 fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
-    let (t, half) = (knots.t, 0.6 * window);
+    let t = knots.t;
+    let half = 0.6 * window;
     let mut from = 0;
     (0..values.len())
         .map(|i| {

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::config;
 use alight_shared::frames::{Point, Rotation, Vector, VesselBody};
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 use thiserror::Error;
@@ -153,7 +153,7 @@ pub struct ResponseVessel {
     /// Mean heading, rad, and the product of amplitude and response of each wave.
     straight: (f64, Vec<Response>),
     /// Poses during a turn, oldest first.
-    turning: [(Time<TrueTime>, Motion); 3],
+    turning: [(WorldTime, Motion); 3],
     state: RigidState<VesselBody>,
 }
 
@@ -192,10 +192,10 @@ impl ResponseVessel {
         vessel
     }
 
-    pub fn step(&mut self, t: Time<TrueTime>, dt_s: f64) {
+    pub fn step(&mut self, t: WorldTime, dt_s: f64) {
         self.state = self.state_at(t + Span::from_secs(dt_s));
     }
-    pub fn ask_change(&mut self, t: Time<TrueTime>) {
+    pub fn ask_change(&mut self, t: WorldTime) {
         self.path.ask_change(t.secs());
     }
     pub fn state(&self) -> RigidState<VesselBody> {
@@ -214,7 +214,7 @@ impl ResponseVessel {
         })
     }
 
-    pub fn state_at(&mut self, t: Time<TrueTime>) -> RigidState<VesselBody> {
+    pub fn state_at(&mut self, t: WorldTime) -> RigidState<VesselBody> {
         let s = t.secs();
         let [north, east, down, roll, pitch, yaw] = if self.path.changes(s, 2.0 * TURN_STEP.secs()) {
             let h = TURN_STEP.secs();
@@ -237,7 +237,8 @@ impl ResponseVessel {
             pose(&here, &self.motion(s, &self.straight.1))
         };
         let trimmed = |j: Jet, rest: f64| j.shifted(rest);
-        let (roll, pitch) = (trimmed(roll, self.trim[0]), trimmed(pitch, self.trim[1]));
+        let roll = trimmed(roll, self.trim[0]);
+        let pitch = trimmed(pitch, self.trim[1]);
         let (rates, angular_acceleration) = body_motion(&roll, &pitch, &yaw);
         let vector = |f: fn(&Jet) -> f64| Vector3::new(f(&north), f(&east), f(&down));
         RigidState {
@@ -251,7 +252,7 @@ impl ResponseVessel {
     }
 
     /// Pose during a turn; its derivatives are invalid.
-    fn turning_pose(&self, t: Time<TrueTime>) -> Motion {
+    fn turning_pose(&self, t: WorldTime) -> Motion {
         let there = self.path.at(t.secs());
         let responses: Vec<Response> = self.responses(there.heading).collect();
         pose(&there, &self.motion(t.secs(), &responses))
@@ -261,7 +262,9 @@ impl ResponseVessel {
     /// assume a constant mean heading.
     fn motion(&self, t: f64, responses: &[Response]) -> Motion {
         let here = self.path.at(t);
-        let (mut y, mut d, mut dd) = ([0.0; DOFS], [0.0; DOFS], [0.0; DOFS]);
+        let mut y = [0.0; DOFS];
+        let mut d = [0.0; DOFS];
+        let mut dd = [0.0; DOFS];
         for (w, r) in self.waves.iter().zip(responses) {
             let (sin, cos) = sin_cos(w.k.dot(&here.position) - w.omega * t + w.phase);
             // Minus the frequency of encounter.

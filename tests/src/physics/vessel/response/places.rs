@@ -65,7 +65,8 @@ impl Places {
             message,
         };
         let places: Places = config::read(text, "the places").map_err(|e| wrong(e.to_string()))?;
-        let (deck, trim) = (&places.deck, &places.trim);
+        let deck = &places.deck;
+        let trim = &places.trim;
         let lengths = [
             ("deck.forward_m", deck.forward_m, [-50.0, 50.0]),
             ("deck.right_m", deck.right_m, [-50.0, 50.0]),

@@ -96,14 +96,16 @@ impl ResponseTable {
             responses: Vec::new(),
         };
         // Position of the next row in the grid of directions and frequencies.
-        let (mut column, mut last) = (0, first);
+        let mut column = 0;
+        let mut last = first;
         for (line, row) in rows {
             last = line;
             if table.responses.len() >= MAX_ROWS {
                 return Err(at(line, format!("more than {MAX_ROWS} rows")));
             }
             let values = numbers(row).map_err(|message| at(line, message))?;
-            let (omega, direction) = (values[0], values[1]);
+            let omega = values[0];
+            let direction = values[1];
             let complete = !table.direction.is_empty() && column == table.direction.len();
             match table.omega.last() {
                 Some(now) if omega == *now && (table.omega.len() == 1 || !complete) => {}
@@ -259,10 +261,14 @@ impl ResponseAtFrequency {
             core::array::from_fn(|k| (self.nodes[i + k - 1].0, &self.nodes[i + k - 1].1));
         let h = x2 - x1;
         let s = (there - x1) / h;
-        let (s2, s3) = (s * s, s * s * s);
-        let (h00, h10) = (2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s);
-        let (h01, h11) = (-2.0 * s3 + 3.0 * s2, s3 - s2);
-        let (left, right) = (h10 * h / (x2 - x0), h11 * h / (x3 - x1));
+        let s2 = s * s;
+        let s3 = s * s * s;
+        let h00 = 2.0 * s3 - 3.0 * s2 + 1.0;
+        let h10 = s3 - 2.0 * s2 + s;
+        let h01 = -2.0 * s3 + 3.0 * s2;
+        let h11 = s3 - s2;
+        let left = h10 * h / (x2 - x0);
+        let right = h11 * h / (x3 - x1);
         let response = Response::mix([(-left, a), (h00 - right, b), (h01 + left, c), (right, d)]);
         if wrapped < 0.0 {
             response.mirrored()

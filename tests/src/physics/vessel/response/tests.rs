@@ -4,7 +4,7 @@ use crate::physics::sea::SeaConfig;
 use crate::physics::vessel::VesselCourse;
 use alight_shared::geometry::GRAVITY;
 
-fn at(s: f64) -> Time<TrueTime> {
+fn at(s: f64) -> WorldTime {
     Time::from_secs(s)
 }
 
@@ -42,7 +42,8 @@ fn supplied_hulls_in_long_waves() {
                 (r.re[2] - 1.0).abs() < 0.02 && r.im[2].abs() < 0.03,
                 "{name} {deg}"
             );
-            let (along, port) = (r.im[0], r.im[1]);
+            let along = r.im[0];
+            let port = r.im[1];
             let (s, c) = f64::to_radians(deg).sin_cos();
             assert!(
                 (along - c).abs() < 0.05 && (port - s).abs() < 0.05,
@@ -173,7 +174,8 @@ fn response_motion_derivatives() {
     assert!(sea.components().len() >= 240);
     for course in VesselCourse::ALL {
         let mut vessel = vessel_of("mono-5m", course, &sea, 5);
-        let (mut worst, mut roughest) = ([0.0_f64; 4], 0.0_f64);
+        let mut worst = [0.0_f64; 4];
+        let mut roughest = 0.0_f64;
         for k in 0..6000 {
             // Times in a leg, a turn and a leg, off the tick grid.
             let t = 0.503 + 0.01 * f64::from(k);
@@ -323,7 +325,10 @@ fn linear_water_consistency() {
     let config: SeaConfig = "pm:1,5".parse().unwrap();
     let sea = Sea::linear(&config, &Streams::new(4));
     for i in 0..50 {
-        let (n, e, t, h) = (3.7 * f64::from(i), -f64::from(i), 0.9 * f64::from(i), 1e-4);
+        let n = 3.7 * f64::from(i);
+        let e = -f64::from(i);
+        let t = 0.9 * f64::from(i);
+        let h = 1e-4;
         let w = sea.surface(at(t), n, e);
         let slope = Vector2::new(
             (sea.elevation(at(t), n + h, e) - sea.elevation(at(t), n - h, e)) / (2.0 * h),
