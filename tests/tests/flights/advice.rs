@@ -15,7 +15,8 @@ const FLOWN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 
 /// Hull on a straight course, in a sea whose waves travel north.
 fn under_way(hull: &str, sea: &str, speed_mps: f64) -> (Scenario, NodeConfigs) {
-    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    let mut scenario = Scenario::default();
+    let mut nodes = NodeConfigs::default();
     scenario.sea = sea.parse().unwrap();
     scenario.sea.mean_direction_deg = Some(0.0);
     scenario.install_hull(&mut nodes, hull).unwrap();

@@ -36,8 +36,10 @@ struct Flown {
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    let (mut states, mut reasons) = (Vec::new(), Vec::new());
-    let (mut found_s, mut faults) = (None, Schedule::new(&scenario.faults));
+    let mut states = Vec::new();
+    let mut reasons = Vec::new();
+    let mut found_s = None;
+    let mut faults = Schedule::new(&scenario.faults);
     let outcome = judged(&mut rig, seed, limit_s, |rig| {
         faults.act(rig);
         let m = *rig.mission(0);
@@ -92,7 +94,8 @@ fn deck_that_is_not_at_its_beacon() {
 /// again. The drone flies to the predicted position and searches for the tags.
 #[test]
 fn radio_lost_for_good_on_the_way() {
-    let (mut scenario, mut nodes) = (Scenario::default(), nodes());
+    let mut scenario = Scenario::default();
+    let mut nodes = nodes();
     scenario.sea = "jonswap:0.5,5".parse().unwrap();
     scenario.install_hull(&mut nodes, HULLS[1]).unwrap();
     scenario.start.distance_m = [150.0, 150.0];

@@ -2,7 +2,7 @@
 
 use alight_shared::msg::{CommandKind, State};
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
@@ -27,7 +27,7 @@ struct Press {
 }
 
 impl WorldObserver for Press {
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
         if let Some(input) = step.input::<PredictorIn>() {
             self.calibration.take(input, self.stands);
         }
@@ -125,7 +125,7 @@ fn deck_calibration_of_a_displaced_deck() {
 struct Recorder(Record);
 
 impl WorldObserver for Recorder {
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
         if let Some(input) = step.input::<ComputerIn>() {
             self.0.add(&Readings::of(&input.sensors));
         }

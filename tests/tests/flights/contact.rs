@@ -60,18 +60,22 @@ impl Flown {
 
 fn scenario(firmware: Firmware) -> Scenario {
     let mut scenario = at_sea("0.5,5");
-    (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 5.0], [10.0, 14.0]);
+    scenario.start.distance_m = [0.0, 5.0];
+    scenario.start.height_m = [10.0, 14.0];
     scenario.drone.autopilot.firmware = firmware;
     scenario
 }
 
 fn fly(firmware: Firmware, seed: u64, outage: Option<Outage>) -> Flown {
     let mut rig = Rig::landing(&scenario(firmware), &NodeConfigs::default(), seed).unwrap();
-    let (mut flown, mut lowest) = (Flown::default(), None);
-    let (mut failed, mut over) = (false, outage.is_none());
+    let mut flown = Flown::default();
+    let mut lowest = None;
+    let mut failed = false;
+    let mut over = outage.is_none();
     let mut from = None;
     rig.each(LIMIT_S, |rig| {
-        let (t, o) = (rig.t_s(), rig.world.observation());
+        let t = rig.t_s();
+        let o = rig.world.observation();
         let height_m = o.feet_height_m();
         let feet = o
             .feet
@@ -107,7 +111,9 @@ fn fly(firmware: Firmware, seed: u64, outage: Option<Outage>) -> Flown {
                 rig.begin(FaultKind::LinkKilled, 0.0);
             }
             if t >= outage.from_s + outage.away_s && !over {
-                (over, flown.back_s, from) = (true, t, None);
+                over = true;
+                flown.back_s = t;
+                from = None;
                 rig.end(FaultKind::LinkKilled, 0.0);
             }
         }
@@ -163,13 +169,16 @@ fn link_killed_around_the_contact() {
 /// the flight, the number of disarm commands, and their maximum height above the deck.
 fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f64) {
     let mut scenario = scenario(firmware);
-    (scenario.start.distance_m, scenario.start.height_m) = ([0.0, 2.0], [6.0, 6.0]);
+    scenario.start.distance_m = [0.0, 2.0];
+    scenario.start.height_m = [6.0, 6.0];
     let mut nodes = NodeConfigs::default();
     nodes.autopilot.publish_deck = true;
     nodes.autopilot.disarm.own_landing = disarms;
     let mut rig = Rig::new(&scenario, &nodes, seed).unwrap();
     rig.run(5.0);
-    let (mut flown, mut disarmed, mut highest_m) = (Flown::default(), 0, 0.0_f64);
+    let mut flown = Flown::default();
+    let mut disarmed = 0;
+    let mut highest_m = 0.0_f64;
     let autopilot = &mut rig.world.linked(0).unwrap().autopilot;
     autopilot.parameters.insert("PLND_ENABLED", 1.0);
     let mode = match firmware {
@@ -179,7 +188,8 @@ fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f
     assert!(autopilot.choose(mode));
     autopilot.commands.clear();
     rig.each(40.0, |rig| {
-        let (t, o) = (rig.t_s(), rig.world.observation());
+        let t = rig.t_s();
+        let o = rig.world.observation();
         let height_m = o.feet_height_m();
         for c in o.contacts {
             flown.contact_s.get_or_insert(t);
@@ -195,7 +205,8 @@ fn own_landing(firmware: Firmware, seed: u64, disarms: bool) -> (Flown, usize, f
             .filter(|(_, c)| c.command == MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
         let count = orders.count();
         if count > disarmed {
-            (disarmed, highest_m) = (count, highest_m.max(height_m));
+            disarmed = count;
+            highest_m = highest_m.max(height_m);
         }
         flown.stopped_s.is_some_and(|at| t >= at + STOPPED_S) || flown.water
     });

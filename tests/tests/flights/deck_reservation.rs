@@ -91,7 +91,9 @@ fn deck_closed_by_the_crew() {
     let before = [0, 1].map(|k| descents(&fleet, k));
     fleet.run(60.0);
     assert!(fleet.using_the_deck().is_empty());
-    (0..2).for_each(|k| assert_waits_aside(&fleet, k));
+    for k in 0..2 {
+        assert_waits_aside(&fleet, k);
+    }
     assert_eq!([0, 1].map(|k| descents(&fleet, k)), before);
     fleet.world.deck_order(DeckOrder::Open);
     assert!(fleet.until(120.0, |f| !f.using_the_deck().is_empty()));

@@ -1,6 +1,6 @@
 //! Each failsafe of the autopilot in each state of a flight, over both firmwares.
 
-use super::at_sea;
+use super::{BOTH, at_sea};
 use alight_shared::msg::State;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::NodeConfigs;
@@ -8,8 +8,6 @@ use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, St
 use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
-
-use super::BOTH;
 
 const KINDS: [FaultKind; 7] = [
     FaultKind::RemoteLost,

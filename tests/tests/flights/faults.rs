@@ -100,7 +100,8 @@ impl Case {
         };
         let autopilot = &mut scenario.drone.autopilot;
         // Longest permitted delay of the autopilot's failsafe.
-        (autopilot.firmware, autopilot.loss_after_s) = (self.firmware, 0.5);
+        autopilot.firmware = self.firmware;
+        autopilot.loss_after_s = 0.5;
         scenario
     }
     /// Whether the autopilot denies a disarm at `now_s`, as if it had not detected the landing, because a
@@ -117,12 +118,15 @@ impl Case {
         let scenario = self.scenario();
         let half_deck = [scenario.deck.length_m / 2.0, scenario.deck.width_m / 2.0];
         let mut rig = Rig::landing(&scenario, &NodeConfigs::default(), self.seed).unwrap();
-        let (mut judge, mut tilt) = (Judge::default(), Tilt::default());
+        let mut judge = Judge::default();
+        let mut tilt = Tilt::default();
         let mut timer = self.fault.map(FaultTimer::new);
         let mut fault_s = [None; 2];
-        let (mut motors_on_deck_s, mut judged_s) = (0.0, None);
+        let mut motors_on_deck_s = 0.0;
+        let mut judged_s = None;
         rig.each(TIME_LIMIT_S + CLIMB_S, |rig| {
-            let (t, now_s) = (rig.t_s(), rig.world.physics().now().secs());
+            let t = rig.t_s();
+            let now_s = rig.world.physics().now().secs();
             let attitude = rig.world.physics().drone(0).unwrap().attitude.0;
             let o = rig.world.observation();
             let over = judge.observe(&o, half_deck);

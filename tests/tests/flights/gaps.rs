@@ -107,7 +107,8 @@ impl Cell {
         }
         let began_s = rig.t_s();
         rig.begin(self.gone, 0.0);
-        let (mut over, mut ordered) = (false, false);
+        let mut over = false;
+        let mut ordered = false;
         let mut watch = Watched::default();
         let over_s = began_s + self.gap_s;
         rig.each(self.gap_s + ACTS_S + 5.0, |rig| {
@@ -130,7 +131,9 @@ impl Cell {
 
     /// Rule broken at the end of the flight.
     fn judge(&self, rig: &Rig) -> Option<String> {
-        let (o, state, m) = (rig.world.observation(), rig.state(0), rig.mission(0));
+        let o = rig.world.observation();
+        let state = rig.state(0);
+        let m = rig.mission(0);
         let height_m = o.feet_height_m();
         let stands = !armed(rig, 0) && height_m.abs() < AIR_M && !o.in_water;
         let held = matches!(state, State::Hold | State::GaveUp);
@@ -189,7 +192,8 @@ impl Watched {
             None
         };
         if let Some(bad) = bad {
-            let (state, entered) = (rig.state(0), rig.mission(0).entered);
+            let state = rig.state(0);
+            let entered = rig.mission(0).entered;
             self.bad = Some(format!(
                 "{bad}, {since_s:.2} s after the gap in {state:?}: {entered}"
             ));
@@ -212,7 +216,8 @@ fn gaps_that_ended_badly_once() {
     };
     use State::{ClimbOut, Descent, Flare, Hold, Landed, SpinUp, StandDown};
     let [px4, copter] = BOTH;
-    let (hold, abort) = (Some(CommandKind::Hold), Some(CommandKind::Abort));
+    let hold = Some(CommandKind::Hold);
+    let abort = Some(CommandKind::Abort);
     let cells = [
         (ClimbOut, 0.5, PilotFrozen, 0.8, px4, hold, 80),
         (ClimbOut, 0.5, ComputerFrozen, 0.95, px4, None, 81),

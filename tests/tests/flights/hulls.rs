@@ -13,7 +13,8 @@ fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
 }
 
 fn world(hull: &str, sea: &str) -> (Scenario, NodeConfigs) {
-    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    let mut scenario = Scenario::default();
+    let mut nodes = NodeConfigs::default();
     scenario.sea = sea.parse().unwrap();
     scenario.install_hull(&mut nodes, hull).unwrap();
     (scenario, nodes)

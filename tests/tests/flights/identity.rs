@@ -25,7 +25,8 @@ struct Flown {
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    let (mut over_other_m, mut reasons) = (f64::INFINITY, Vec::new());
+    let mut over_other_m = f64::INFINITY;
+    let mut reasons = Vec::new();
     let outcome = judged(&mut rig, seed, limit_s, |rig| {
         let m = *rig.mission(0);
         for code in [m.entered.code, m.waiting.code] {

@@ -65,7 +65,8 @@ fn approach_through_the_sector() {
     assert!(o.success, "{}", o.reason);
     let mut worst = 0.0_f64;
     for p in &points {
-        let (north, east) = (p.drone[0] - p.deck[0], p.drone[1] - p.deck[1]);
+        let north = p.drone[0] - p.deck[0];
+        let east = p.drone[1] - p.deck[1];
         // Only points between the deck and a distance clear of the vessel count.
         if (3.5..9.5).contains(&north.hypot(east)) {
             let out = around.outside_sector(east.atan2(north) - p.deck_yaw, 0.0);

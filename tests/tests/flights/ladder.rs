@@ -3,7 +3,7 @@
 
 use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_sim::harness::physics::TICK;
 use alight_sim::harness::rig::Rig;
 use alight_sim::harness::scenario::NodeConfigs;
@@ -22,7 +22,7 @@ fn nodes(mode: LandingMode) -> NodeConfigs {
 struct Received(Vec<AutopilotState>);
 
 impl alight_sim::harness::observer::WorldObserver for Received {
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
         self.0.extend(step.input::<MissionIn>().and_then(|i| i.autopilot));
     }
 }
@@ -46,14 +46,16 @@ fn by_hand(t: f64) -> f64 {
 
 #[test]
 fn shadow_while_a_pilot_lands() {
-    let (scenario, nodes) = (at_sea("0.5,5"), nodes(LandingMode::Shadow));
+    let scenario = at_sea("0.5,5");
+    let nodes = nodes(LandingMode::Shadow);
     let mut received = Received::default();
     let mut rig = Rig::observed(&scenario, &nodes, 71, &mut received).unwrap();
     rig.world.command(CommandKind::Land);
     let mut landed_for = 0;
     for _ in 0..(90.0 / TICK.secs()) as u32 {
         rig.tick(&mut received);
-        let (t, world) = (rig.t_s(), &mut rig.world);
+        let t = rig.t_s();
+        let world = &mut rig.world;
         let over = world.physics().deck().position.0 - Vector3::z() * by_hand(t);
         let apart = over - world.physics().drone(0).unwrap().position.0;
         let on_deck = world.observation().feet_height_m() < 0.05;
@@ -92,14 +94,20 @@ fn shadow_while_a_pilot_lands() {
 
 #[test]
 fn match_over_the_deck() {
-    let (scenario, nodes) = (at_sea("0.5,5"), nodes(LandingMode::Match));
+    let scenario = at_sea("0.5,5");
+    let nodes = nodes(LandingMode::Match);
     let c = &nodes.drone.mission;
     let mut flown = Vec::new();
     for seed in 81..83 {
         let mut rig = Rig::landing(&scenario, &nodes, seed).unwrap();
-        let (mut lowest_m, mut near_s, mut matched_at, mut climbed_m) = (f64::INFINITY, 0.0, None, 0.0_f64);
+        let mut lowest_m = f64::INFINITY;
+        let mut near_s = 0.0;
+        let mut matched_at = None;
+        let mut climbed_m = 0.0_f64;
         rig.each(180.0, |rig| {
-            let (t, o, m) = (rig.t_s(), rig.world.observation(), rig.mission(0));
+            let t = rig.t_s();
+            let o = rig.world.observation();
+            let m = rig.mission(0);
             assert!(o.contacts.is_empty(), "seed {seed}: a contact");
             let height_m = o.feet.iter().map(|f| f[2]).fold(f64::INFINITY, f64::min);
             lowest_m = lowest_m.min(height_m);

@@ -84,7 +84,8 @@ fn landing_with_any_response() {
         let [dead_s, lag_s] = response_of(seed);
         let autopilot = &mut scenario.drone.autopilot;
         autopilot.firmware = firmware;
-        (autopilot.dead_time_s, autopilot.attitude_lag_s) = (dead_s, Some(lag_s));
+        autopilot.dead_time_s = dead_s;
+        autopilot.attitude_lag_s = Some(lag_s);
         let o = outcome(&scenario, seed);
         if !o.success {
             failed.push(format!(
@@ -104,7 +105,8 @@ fn same_sea_for_two_planners() {
     let with = flown(&scenario, &nodes, 18);
     nodes.baseline = Some(Baseline::Mpc);
     let without = flown(&scenario, &nodes, 18);
-    let (a, b) = (with.trace.unwrap(), without.trace.unwrap());
+    let a = with.trace.unwrap();
+    let b = without.trace.unwrap();
     for (p, q) in a.points.iter().zip(&b.points).take(29) {
         assert_eq!(p.deck, q.deck);
     }

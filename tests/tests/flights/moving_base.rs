@@ -34,8 +34,10 @@ fn at_sea(moving_base: Option<MovingBaseConfig>) -> Scenario {
 
 /// Error of the forecast's current deck position relative to the drone, m.
 fn error_m(rig: &Rig) -> Option<f64> {
-    let (physics, computer) = (rig.world.physics(), rig.world.drones().first()?);
-    let (now, odometry) = (physics.drone_now(0), computer.odometry.as_ref()?);
+    let physics = rig.world.physics();
+    let computer = rig.world.drones().first()?;
+    let now = physics.drone_now(0);
+    let odometry = computer.odometry.as_ref()?;
     let deck = Vector3::from(computer.forecast.as_ref()?.at(now)?.position);
     let drone = odometry.position() + odometry.velocity() * (now - odometry.header.at).secs();
     let truth = physics.deck().position.0 - physics.drone(0)?.position.0;
@@ -44,7 +46,8 @@ fn error_m(rig: &Rig) -> Option<f64> {
 /// Mean [`error_m`] over the last 10 s of a hover at 10 m without a detection, m.
 fn hovered_error_m(moving_base: Option<MovingBaseConfig>, seed: u64) -> f64 {
     let mut scenario = at_sea(moving_base);
-    (scenario.start.distance_m, scenario.start.height_m) = ([0.0; 2], [10.0; 2]);
+    scenario.start.distance_m = [0.0; 2];
+    scenario.start.height_m = [10.0; 2];
     scenario.sensors.tag.outages_s = Windows(vec![[0.0, 1e3]]);
     scenario.sensors.uvdar.max_range_m = 0.0;
     let mut rig = Rig::new(&scenario, &NodeConfigs::default(), seed).unwrap();

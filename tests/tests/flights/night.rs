@@ -19,7 +19,8 @@ fn lit() -> NightConfig {
 
 /// Moderate sea at night, with a hull from a table or the simulated hull, without ultraviolet markers.
 fn at_night(hull: Option<&str>, night: NightConfig) -> (Scenario, NodeConfigs) {
-    let (mut scenario, mut nodes) = (Scenario::default(), NodeConfigs::default());
+    let mut scenario = Scenario::default();
+    let mut nodes = NodeConfigs::default();
     scenario.sea = "moderate".parse().unwrap();
     if let Some(hull) = hull {
         scenario.install_hull(&mut nodes, hull).unwrap();

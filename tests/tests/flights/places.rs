@@ -81,7 +81,8 @@ fn drifting_barometer_and_steel_below_the_compass() {
     for seed in 60..64 {
         let mut scenario = scene(seed as usize % 4);
         let navigation = &mut scenario.drone.navigation;
-        (navigation.barometer_drift_m, navigation.steel_heading_deg) = (4.0, 15.0);
+        navigation.barometer_drift_m = 4.0;
+        navigation.steel_heading_deg = 15.0;
         let outcome = landed(&scenario, seed, None);
         if outcome.outcome != Ending::Success {
             lost.push((seed, outcome));

@@ -26,7 +26,8 @@ fn load(scenario: &Scenario) -> (f64, f64) {
         }
         counts.push(world.drones()[0].radio_counts()[0]);
     }
-    let (a, b) = (counts[0], counts[1]);
+    let a = counts[0];
+    let b = counts[1];
     let sent = (b.sent - a.sent) as f64;
     (
         (b.sent_bytes - a.sent_bytes) as f64 / 30.0,

@@ -1,6 +1,7 @@
 //! Deck motion that is not caused by waves: a platform rocks fast about its deck, 1.3 m above the vessel's
 //! sensors, and heaves with an unrelated sea.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use alight_sim::harness::outcome::Ending;
@@ -31,11 +32,12 @@ fn platform(name: &str) -> PathBuf {
     for k in 0..1500 {
         let t = 0.1 * f64::from(k);
         let w = |hz: f64| (core::f64::consts::TAU * hz * t).sin();
-        let (roll, pitch) = (w(0.47) + 1.5 * w(1.13), 0.3 * w(0.47) + 1.5 * w(1.37));
+        let roll = w(0.47) + 1.5 * w(1.13);
+        let pitch = 0.3 * w(0.47) + 1.5 * w(1.37);
         csv += &format!("{t:.1},{roll:.4},{pitch:.4}\n");
     }
     let path = std::env::temp_dir().join(format!("alight-{name}-{}.csv", std::process::id()));
-    std::fs::write(&path, csv).unwrap();
+    fs::write(&path, csv).unwrap();
     path
 }
 
@@ -46,7 +48,7 @@ fn estimated_tilt_under_horizontal_acceleration() {
     let runs: Vec<_> = (0..2)
         .map(|seed| run(&scenario, &VesselNodeConfig::default(), seed, 60.0).unwrap())
         .collect();
-    std::fs::remove_file(file).unwrap();
+    fs::remove_file(file).unwrap();
     // Errors of position, attitude, velocity and rates. An accelerometer bias of 0.1 m/s² corresponds to 0.01
     // rad of tilt. The error is 0.1 rad if force fluctuations are used to separate tilt from bias.
     let e = state_errors(&runs).per_axis;
@@ -61,7 +63,7 @@ fn landing_on_a_fast_rocking_platform() {
         let scenario = scene(file.clone(), 1.0, 7.0 * seed as f64);
         assert_lands(&scenario, seed);
     }
-    std::fs::remove_file(file).unwrap();
+    fs::remove_file(file).unwrap();
 }
 
 #[test]

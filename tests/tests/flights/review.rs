@@ -17,7 +17,8 @@ use crate::at_sea;
 fn recorded(sea: &str, seed: u64, seconds: usize) -> (SensorRecording, SensorRecording, [f64; 4]) {
     let scenario = at_sea(sea);
     let mut physics = Physics::new(&scenario, seed).unwrap();
-    let (mut real, mut motion) = (SensorRecording::default(), SensorRecording::default());
+    let mut real = SensorRecording::default();
+    let mut motion = SensorRecording::default();
     let mut truth = Vec::new();
     for k in 0..100 * seconds {
         let state = physics.vessel();
@@ -202,10 +203,8 @@ fn review_of_quantities_on_rows_of_their_own() {
     };
     // Every fix that has a row must be kept.
     let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
-    let (rated, heaved) = (
-        attitudes().filter(|a| a.rates.is_some()),
-        attitudes().filter(|a| a.heave.is_some()),
-    );
+    let rated = attitudes().filter(|a| a.rates.is_some());
+    let heaved = attitudes().filter(|a| a.heave.is_some());
     assert!(
         rated.count() > 950 && heaved.count() >= 95 && fixes > 850,
         "{fixes}"

@@ -87,7 +87,8 @@ fn unattended_cycles() {
 fn on_its_mission(firmware: Firmware, seed: u64, far_m: f64, under_way: bool) -> Rig {
     let (mut scenario, nodes) = on_deck(0.3, firmware);
     if under_way {
-        (scenario.vessel.course, scenario.vessel.speed_mps) = (VesselCourse::Straight, 2.0);
+        scenario.vessel.course = VesselCourse::Straight;
+        scenario.vessel.speed_mps = 2.0;
     }
     let mut rig = ordered(&scenario, &nodes, seed);
     assert!(until(&mut rig, 60.0, State::Hold).0, "{:?}", rig.visited(0));
@@ -150,12 +151,16 @@ fn two_drones_that_take_turns_on_one_deck() {
     nodes.drone.mission.reservation_required = true;
     nodes.drone.mission.sorties_max = 4;
     let mut rig = Rig::new(&scenario, &nodes, 69).unwrap();
-    (1..=2).for_each(|drone| rig.world.deck_order(DeckOrder::TakeOffStanding(drone)));
+    for drone in 1..=2 {
+        rig.world.deck_order(DeckOrder::TakeOffStanding(drone));
+    }
     rig.world.command_to(0, CommandKind::Land);
     assert!(rig.until(150.0, |r| r.state(0) == State::Landed && !armed(r, 0)));
     rig.run(2.0);
     // The missions of the two autopilots are not coordinated, so each drone flies on the side of its waiting place.
-    (0..2).for_each(|k| upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 }));
+    for k in 0..2 {
+        upload(&mut rig, k, if k == 0 { -120.0 } else { 120.0 });
+    }
     // The first drone takes off; the second lands from the air and stays.
     rig.world.command_to(0, CommandKind::TakeOff);
     let up = rig.until(60.0, |r| r.mission(0).sorties == [1, 4]);
@@ -173,7 +178,8 @@ fn two_drones_that_take_turns_on_one_deck() {
     rig.run(2.0);
     rig.world.command_to(1, CommandKind::TakeOff);
     // Distance while Alight flies both drones; in its own mission each drone follows its waypoints.
-    let (mut landings, mut nearest_m) = ([0; 2], f64::INFINITY);
+    let mut landings = [0; 2];
+    let mut nearest_m = f64::INFINITY;
     let mut before = [rig.state(0), rig.state(1)];
     rig.each(900.0, |rig| {
         for k in 0..2 {

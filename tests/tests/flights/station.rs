@@ -19,7 +19,8 @@ const ABEAM: Station = Station {
 /// Distance of the drone from its station, which is relative to the true deck and heading, without heave, m.
 fn off_m(rig: &Rig) -> f64 {
     let physics = rig.world.physics();
-    let (deck, drone) = (physics.deck(), physics.drone(0).unwrap());
+    let deck = physics.deck();
+    let drone = physics.drone(0).unwrap();
     let yaw = deck.euler().z + ABEAM.bearing_rad();
     let place = Vector3::new(yaw.cos(), yaw.sin(), 0.0) * ABEAM.distance_m();
     (drone.position.0 - deck.position.0 - place).xy().norm()
@@ -72,7 +73,8 @@ fn one_station_of_two_drones() {
     rig.run(5.0);
     rig.world.command_to(0, high);
     rig.world.command_to(1, high);
-    let (mut nearest_m, mut reasons) = (f64::INFINITY, Vec::new());
+    let mut nearest_m = f64::INFINITY;
+    let mut reasons = Vec::new();
     rig.each(90.0, |rig| {
         nearest_m = nearest_m.min(apart_m(rig));
         for m in [rig.mission(0), rig.mission(1)] {

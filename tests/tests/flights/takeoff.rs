@@ -172,7 +172,8 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
         let rests = rig.until(10.0, |r| !armed(r, 0));
         rig.run(3.0);
         if !(up && landed && rests && rests_on_deck(&rig)) {
-            let (visited, mission) = (rig.visited(0), rig.mission(0));
+            let visited = rig.visited(0);
+            let mission = rig.mission(0);
             println!(
                 "seed {seed}: {visited:?}, {}, {}",
                 mission.entered, mission.waiting
@@ -189,7 +190,8 @@ fn cycles(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, count: u32) -> Cy
 #[test]
 #[ignore = "minutes"]
 fn hundred_cycles_from_deck_to_deck() {
-    let (mut all, mut unsafe_worlds) = (Cycles::default(), 0);
+    let mut all = Cycles::default();
+    let mut unsafe_worlds = 0;
     for k in 0..20_u32 {
         let (mut scenario, nodes) = on_deck(0.2 + 0.02 * f64::from(k), BOTH[(k % 2) as usize]);
         scenario.drone.wind.mean_mps = 0.4 * f64::from(k);
@@ -207,7 +209,8 @@ fn hundred_cycles_from_deck_to_deck() {
     // Each take-off has a predicted probability of safety. A world has about five take-offs, each followed by
     // a landing with at least the same probability. The number of unsafe contacts may exceed its mean by at
     // most 3 standard deviations, in the normal approximation of the binomial distribution.
-    let (n, p) = (f64::from(all.met.take_offs), all.met.predicted);
+    let n = f64::from(all.met.take_offs);
+    let p = all.met.predicted;
     let expected = 2.0 * (n - p);
     let most = expected + 3.0 * (2.0 * p * (n - p) / n).sqrt();
     println!("{unsafe_worlds} worlds with an unsafe contact (at most {most:.1}), {all:?}");

@@ -7,7 +7,7 @@ use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
 use alight_shared::step::Step;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneClock, Span, WorldTime};
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::World;
@@ -42,7 +42,7 @@ struct PredictorFlight {
 impl WorldObserver for PredictorFlight {
     fn truth(
         &mut self,
-        _: Time<TrueTime>,
+        _: WorldTime,
         vessel: &RigidState<VesselBody>,
         drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
@@ -50,7 +50,7 @@ impl WorldObserver for PredictorFlight {
         self.frames.push(self.frames.last().copied().unwrap_or_default());
         self.drone = drone.map_or(self.drone, |(d, _)| d.position.0);
     }
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
         let (Some(i), Some(o)) = (step.input::<PredictorIn>(), step.output::<PredictorOut>()) else {
             return;
         };
@@ -124,7 +124,8 @@ fn errors_deg(flight: &PredictorFlight, ahead_s: f64) -> [f64; 2] {
 
 /// Root mean square difference in roll and pitch between a forecast's start and the vessel's estimate, deg.
 fn beginning_deg(flight: &PredictorFlight) -> f64 {
-    let (mut sum, mut n) = (0.0, 0.0);
+    let mut sum = 0.0;
+    let mut n = 0.0;
     for e in &flight.estimates {
         let i = flight
             .samples

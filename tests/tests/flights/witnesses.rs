@@ -20,7 +20,8 @@ struct Flown {
 fn flown(scenario: &Scenario, seed: u64, limit_s: f64, mislead: impl Fn(&mut Rig)) -> Flown {
     let mut rig = Rig::landing(scenario, &NodeConfigs::default(), seed).unwrap();
     mislead(&mut rig);
-    let (mut height_sd, mut reported) = (0.0_f64, Vec::new());
+    let mut height_sd = 0.0_f64;
+    let mut reported = Vec::new();
     let outcome = judged(&mut rig, seed, limit_s, |rig| {
         let m = *rig.mission(0);
         for code in [m.waiting.code, m.entered.code] {

@@ -81,9 +81,10 @@ fn known() -> impl Strategy<Value = MavlinkMessage> {
                 pose_covariance: [v[3]; 21],
                 velocity_covariance: [v[4]; 21],
                 frame_id: m::MavFrame::MAV_FRAME_LOCAL_NED,
-                child_frame_id: match body {
-                    true => m::MavFrame::MAV_FRAME_BODY_FRD,
-                    false => m::MavFrame::MAV_FRAME_LOCAL_NED,
+                child_frame_id: if body {
+                    m::MavFrame::MAV_FRAME_BODY_FRD
+                } else {
+                    m::MavFrame::MAV_FRAME_LOCAL_NED
                 },
                 ..m::ODOMETRY_DATA::DEFAULT
             })
@@ -164,7 +165,9 @@ proptest! {
         pieces in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..300), 0..40),
     ) {
         let mut decoder = Decoder::default();
-        let (mut encoder, mut sent, mut found) = (Encoder::default(), 0, 0);
+        let mut encoder = Encoder::default();
+        let mut sent = 0;
+        let mut found = 0;
         let beat = beat(Firmware::Px4, MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, 7);
         for piece in &pieces {
             decoder.push(piece);

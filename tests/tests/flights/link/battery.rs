@@ -1,10 +1,9 @@
 //! Actions of the link on a low battery: according to its own reserve, and according to the mission's choice.
 
-use super::BOTH;
-use super::config;
 use super::rig::LinkRig;
+use super::{BOTH, commanding, config};
 use alight_shared::msg::{AutopilotMode, BatteryPlace, LastResort, ReasonCode, State};
-use alight_uav::autopilot::message::{MavCmd, MavResult};
+use alight_uav::autopilot::message::MavResult;
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{ControlAuthority, Diversion};
 
@@ -19,11 +18,12 @@ fn battery_reserve_diversions() {
         let mut c = config();
         c.battery.diversion = to;
         let mut p = LinkRig::commanding(firmware, 5.0, &c);
-        (p.mission, p.counted) = (State::Tracking, Some(0.05));
+        p.mission = State::Tracking;
+        p.counted = Some(0.05);
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
         assert_eq!(p.mode(), mode);
-        assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), 1);
+        assert_eq!(p.mode_commands().len(), 1);
         let at = p.t_s;
         p.run(10.0);
         assert_eq!(p.sent_since(at), 0);
@@ -33,7 +33,7 @@ fn battery_reserve_diversions() {
     let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &none);
     p.linked.autopilot.battery = 0.05;
     p.run(10.0);
-    assert!(p.authority().commands() && p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
+    assert!(p.authority().commands() && p.mode_commands().is_empty());
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn low_battery_return_and_landing() {
         (BatteryPlace::Here, AutopilotMode::Land),
         (BatteryPlace::Deck, AutopilotMode::Offboard),
     ] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+        let mut p = commanding(Firmware::Px4);
         p.mission = State::GaveUp;
         // The charge is first below the mission's reserve, later below that of the link, which does not act.
         p.linked.autopilot.battery = 0.15;
@@ -63,7 +63,7 @@ fn low_battery_return_and_landing() {
 #[test]
 fn diversion_after_the_mission_has_counted() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.mission = State::Tracking;
         p.counted = Some(0.6);
         p.linked.autopilot.battery = 0.08;
@@ -78,7 +78,7 @@ fn diversion_after_the_mission_has_counted() {
         p.run(4.0);
         assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
     }
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = commanding(Firmware::Px4);
     p.counted = Some(0.6);
     p.linked.autopilot.battery = 0.08;
     p.run(70.0);
@@ -89,7 +89,8 @@ fn diversion_after_the_mission_has_counted() {
 #[test]
 fn last_resort_of_a_silent_mission() {
     let mut p = LinkRig::commanding(Firmware::Px4, 15.0, &config());
-    (p.mission, p.low_battery) = (State::Tracking, Some(BatteryPlace::Deck));
+    p.mission = State::Tracking;
+    p.low_battery = Some(BatteryPlace::Deck);
     p.last_resort = Some(LastResort {
         place: BatteryPlace::Here,
         charge: 0.05,
@@ -108,12 +109,12 @@ fn last_resort_of_a_silent_mission() {
 
 #[test]
 fn denied_diversion_attempts() {
-    let mut p = LinkRig::commanding(Firmware::ArduCopter, 5.0, &config());
+    let mut p = commanding(Firmware::ArduCopter);
     p.counted = Some(0.05);
     p.linked.autopilot.battery = 0.05;
     p.linked.autopilot.answer = Some(MavResult::MAV_RESULT_DENIED);
     p.run(20.0);
-    assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), 3);
+    assert_eq!(p.mode_commands().len(), 3);
     assert_eq!(p.sent_since(p.t_s - 10.0), 0);
     assert_eq!(p.authority(), ControlAuthority::Diverted(Diversion::Return));
 }
@@ -121,17 +122,18 @@ fn denied_diversion_attempts() {
 #[test]
 fn battery_reserve_in_descent_and_flare() {
     for state in [State::Descent, State::Flare] {
-        let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
-        (p.mission, p.counted) = (state, Some(0.05));
+        let mut p = commanding(Firmware::Px4);
+        p.mission = state;
+        p.counted = Some(0.05);
         p.linked.autopilot.battery = 0.05;
         p.run(6.0);
-        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
+        assert!(p.mode_commands().is_empty() && p.authority().commands());
         // The link does not act while the pilot continues without the mission, either.
         p.mission_silent = true;
         p.run(3.0);
-        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty() && p.authority().commands());
+        assert!(p.mode_commands().is_empty() && p.authority().commands());
         p.run(2.0);
-        assert!(!p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
+        assert!(!p.mode_commands().is_empty());
     }
 }
 
@@ -140,7 +142,7 @@ fn battery_reserve_in_descent_and_flare() {
 fn drone_sent_away_and_taken_back() {
     for firmware in BOTH {
         for by_person in [false, true] {
-            let mut p = LinkRig::commanding(firmware, 5.0, &config());
+            let mut p = commanding(firmware);
             p.mission = State::GaveUp;
             p.linked.autopilot.battery = 0.15;
             if by_person {
@@ -150,7 +152,9 @@ fn drone_sent_away_and_taken_back() {
             }
             p.run(3.0);
             assert_eq!(p.mode(), AutopilotMode::Return, "{firmware:?}");
-            (p.mission, p.low_battery, p.waiting) = (State::Idle, None, Some(ReasonCode::BatteryDeck));
+            p.mission = State::Idle;
+            p.low_battery = None;
+            p.waiting = Some(ReasonCode::BatteryDeck);
             p.run(5.0);
             let expected = if by_person {
                 AutopilotMode::Return

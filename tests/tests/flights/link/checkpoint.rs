@@ -4,15 +4,15 @@ use alight_shared::geodesy::Datum;
 use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
 use alight_uav::autopilot::modes::Firmware;
 
-use super::rig::{LinkRig, lead};
-use super::{BOTH, config};
+use super::rig::lead;
+use super::{BOTH, aloft, commanding};
 
 const AWAY_S: f64 = 0.2;
 
 #[test]
 fn link_successor_with_a_checkpoint() {
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.linked.autopilot.origin = Datum::new(43.5005, 16.2993, 5.0);
         p.run(5.0);
         p.give_the_mode();
@@ -24,7 +24,8 @@ fn link_successor_with_a_checkpoint() {
         p.assert_commanding();
         let (_, before) = *p.odometry.last().unwrap();
         p.restart_link(AWAY_S);
-        let (began_s, known) = (p.t_s, p.odometry.len());
+        let began_s = p.t_s;
+        let known = p.odometry.len();
         p.run(1.0);
         let (at_s, _) = *p.sent.iter().find(|(t, _)| *t > began_s).unwrap();
         // The restarted link acts at its first odometry; ArduCopter sends one every 25 ms.
@@ -46,7 +47,7 @@ fn link_successor_with_a_checkpoint() {
 #[test]
 fn link_successor_after_a_takeover() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.mission = State::Tracking;
         // One report of the mode is lost; the next follows within half a second.
         p.linked.cut = true;
@@ -74,7 +75,7 @@ fn link_successor_with_a_void_checkpoint() {
     ];
     for firmware in BOTH {
         for (what, away_s, change) in cases {
-            let mut p = LinkRig::commanding(firmware, 5.0, &config());
+            let mut p = commanding(firmware);
             assert!(p.kept.datum == p.linked.autopilot.origin && p.kept.commanding);
             change(&mut p.kept);
             p.restart_link(away_s);
@@ -88,12 +89,13 @@ fn link_successor_with_a_void_checkpoint() {
 #[test]
 fn link_successor_after_the_failsafe() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.mission = State::Tracking;
         p.pilot = Some(lead);
         p.run(1.0);
         p.restart_link(0.7);
-        let (held, began_s) = (p.mode() == AutopilotMode::Hold, p.t_s);
+        let held = p.mode() == AutopilotMode::Hold;
+        let began_s = p.t_s;
         assert_eq!(held, firmware == Firmware::Px4);
         p.run(0.2);
         assert!(

@@ -26,7 +26,7 @@ fn disarm_without_a_land_detector() {
         p.pilot = Some(stop);
         let at = p.t_s;
         p.run(1.0);
-        let disarms = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
+        let disarms = p.arm_commands();
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
         assert!((disarms[0].parameters[1] - 21196.0).abs() < 0.1 && disarms.len() <= 2);
         let mut arrived = p.linked.autopilot.commands.iter();
@@ -37,11 +37,7 @@ fn disarm_without_a_land_detector() {
         assert!(p.states.iter().any(|s| !s.armed));
         let n = disarms.len();
         p.run(10.0);
-        assert_eq!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
-            n,
-            "a disarmed drone was disarmed"
-        );
+        assert_eq!(p.arm_commands().len(), n, "a disarmed drone was disarmed");
     }
 }
 
@@ -53,12 +49,9 @@ fn denied_disarm_attempts_and_report() {
     p.pilot = Some(stop);
     p.mission = State::Landed;
     p.run(2.0);
-    assert_eq!(
-        p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
-        c.disarm.tries as usize
-    );
+    assert_eq!(p.arm_commands().len(), c.disarm.tries as usize);
     p.run(18.0);
-    let rare = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len() - c.disarm.tries as usize;
+    let rare = p.arm_commands().len() - c.disarm.tries as usize;
     assert!((8..=9).contains(&rare), "{rare}");
     assert!(
         p.texts
@@ -88,14 +81,12 @@ fn false_touchdown_in_the_air() {
             (0.35, State::Tracking, true),
         ] {
             let mut p = LinkRig::commanding(firmware, height, &config());
-            (p.mission, p.forecast) = (mission, forecast);
+            p.mission = mission;
+            p.forecast = forecast;
             p.pilot = Some(stop);
             let before = p.truth().position.0.z;
             p.run(10.0);
-            assert!(
-                p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty(),
-                "{firmware:?} at {height} m"
-            );
+            assert!(p.arm_commands().is_empty(), "{firmware:?} at {height} m");
             assert!(p.linked.autopilot.armed());
             let up = before - p.truth().position.0.z;
             assert!((0.8..1.2).contains(&up), "{firmware:?} at {height} m: {up} m");
@@ -151,22 +142,16 @@ fn disarm_without_the_pilot_evidence() {
             p.mission = State::Landed;
             p.pilot = None;
             p.run(10.0);
-            assert!(
-                p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty() && p.linked.autopilot.armed()
-            );
+            assert!(p.arm_commands().is_empty() && p.linked.autopilot.armed());
         }
         let mut p = stopped(firmware, &config());
         p.linked.autopilot.answer = None;
         p.choose(AutopilotMode::Other);
         p.run(0.1);
-        let n = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
+        let n = p.arm_commands().len();
         p.pilot = None;
         p.run(5.0);
-        assert_eq!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
-            n,
-            "{firmware:?}"
-        );
+        assert_eq!(p.arm_commands().len(), n, "{firmware:?}");
     }
 }
 
@@ -175,7 +160,7 @@ fn abort_on_the_deck_restarts_the_disarm() {
     for firmware in BOTH {
         let c = config();
         let mut p = stopped(firmware, &c);
-        let count = |p: &LinkRig| p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
+        let count = |p: &LinkRig| p.arm_commands().len();
         let rare = c.disarm.tries as usize + 2;
         for _ in 0..100 {
             if count(&p) < rare {

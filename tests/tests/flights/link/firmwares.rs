@@ -1,6 +1,6 @@
 //! Responses of PX4 and ArduCopter to attitude and thrust, compared with measurements of the real firmwares.
 
-use alight_shared::frames::{DroneNed, Vector};
+use alight_shared::frames::{DroneNed, Vector, wxyz};
 use alight_shared::mavlink::dialect::{LANDING_TARGET_DATA, MavBool, MavFrame};
 use alight_shared::msg::{DroneState, SetPoint, State};
 use alight_uav::autopilot::message::MavMessage;
@@ -15,9 +15,12 @@ use super::{BOTH, config};
 fn rock(d: &DroneState) -> SetPoint {
     let turning = core::f64::consts::TAU / 1.5;
     let (sin, cos) = (turning * d.header.at.secs()).sin_cos();
-    let q = UnitQuaternion::from_euler_angles(0.15 * sin, 0.0, core::f64::consts::PI);
     SetPoint {
-        attitude: [q.w, q.i, q.j, q.k],
+        attitude: wxyz(&UnitQuaternion::from_euler_angles(
+            0.15 * sin,
+            0.0,
+            core::f64::consts::PI,
+        )),
         rates: [0.15 * turning * cos, 0.0, 0.0],
         thrust: hover(),
         ..press(d)
@@ -57,9 +60,8 @@ fn ardu_copter_without_body_rates() {
 
 /// Tilt of 0.4 rad with the thrust of a level hover.
 fn tilted(d: &DroneState) -> SetPoint {
-    let q = UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0);
     SetPoint {
-        attitude: [q.w, q.i, q.j, q.k],
+        attitude: wxyz(&UnitQuaternion::from_euler_angles(0.4, 0.0, 0.0)),
         thrust: hover(),
         ..press(d)
     }

@@ -12,7 +12,7 @@ use alight_uav::autopilot::message::{
 use alight_uav::autopilot::wire::Encoder;
 
 use super::rig::LinkRig;
-use super::{BOTH, config};
+use super::{BOTH, aloft, commanding, config};
 
 /// RC channel to which the switch is assigned.
 const CHANNEL: u8 = 7;
@@ -29,7 +29,7 @@ fn channels(us: u16) -> Option<[u16; 18]> {
 #[test]
 fn companion_component() {
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.run(2.0);
         p.heartbeats.clear();
         p.run(10.0);
@@ -54,7 +54,7 @@ fn companion_component() {
 #[test]
 fn ground_station_states_and_values() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.notes.clear();
         p.values.clear();
         for state in [State::Tracking, State::Descent, State::GaveUp] {
@@ -72,7 +72,8 @@ fn ground_station_states_and_values() {
                 .map(|v| v.2)
                 .collect::<Vec<_>>()
         };
-        let (distances, ages) = (values(DISTANCE), values(AGE));
+        let distances = values(DISTANCE);
+        let ages = values(AGE);
         assert!(
             (5..=7).contains(&distances.len()) && distances.len() == ages.len(),
             "{distances:?}"
@@ -136,7 +137,7 @@ fn orders_of_a_link_as_shipped() {
 #[test]
 fn rejections_state_their_reason() {
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.run(3.0);
         let command = CommandLong::new(
             Address::new(VEHICLE, 191),
@@ -170,7 +171,7 @@ fn by_int(to: Address, command: MavCmd) -> MavlinkMessage {
 #[test]
 fn order_by_command_int() {
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.run(3.0);
         p.waits_for_flight = true;
         let to = Address::new(VEHICLE, 191);
@@ -195,7 +196,7 @@ fn order_by_command_int() {
 #[test]
 fn answers_to_another_station() {
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.run(3.0);
         let autopilot = p.linked.autopilot.address;
         let mut denied = |to| {

@@ -6,7 +6,7 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_uav::autopilot::message::MavCmd;
 
 use super::rig::{LinkRig, hold, lead};
-use super::{BOTH, config};
+use super::{BOTH, commanding, config};
 
 #[test]
 fn home_on_the_deck() {
@@ -17,7 +17,8 @@ fn home_on_the_deck() {
         };
         let mut p = LinkRig::new(firmware, 5.0, &c);
         let origin = Datum::new(43.5, 16.3, 12.0);
-        (p.linked.autopilot.origin, p.linked.autopilot.geoid_m) = (origin, Some(38.0));
+        p.linked.autopilot.origin = origin;
+        p.linked.autopilot.geoid_m = Some(38.0);
         p.forecast = true;
         p.run(4.0);
         p.take_command();
@@ -49,7 +50,7 @@ fn home_on_the_deck() {
 #[test]
 fn home_and_deck_not_configured() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.forecast = true;
         p.run(10.0);
         assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_HOME).is_empty() && p.linked.autopilot.home.is_none());

@@ -14,7 +14,8 @@ use crate::at_sea;
 fn fly(firmware: Firmware, wire_s: f64, seed: u64) -> Outcome {
     let mut scenario = at_sea("moderate");
     let a = &mut scenario.drone.autopilot;
-    (a.firmware, a.wire_s) = (firmware, wire_s);
+    a.firmware = firmware;
+    a.wire_s = wire_s;
     trial::outcome(&scenario, &NodeConfigs::default(), seed, "moderate").unwrap()
 }
 
@@ -41,7 +42,8 @@ fn arducopter_landing_with_5_to_40_ms_on_the_wire() {
 #[test]
 fn landing_after_the_failsafe_parameter() {
     // The time-out keeps the firmware's default until the pilot sets it 10 s after the order.
-    let (scenario, nodes) = (Scenario::default(), NodeConfigs::default());
+    let scenario = Scenario::default();
+    let nodes = NodeConfigs::default();
     let mut world = World::new(&scenario, &nodes, 300).unwrap();
     let waited_s = 10.0;
     let set = |world: &mut World, timeout_s: f64| {

@@ -24,7 +24,7 @@ use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
 use alight_shared::time::Time;
 use alight_sim::autopilots::simulated::mode_number;
 use alight_uav::autopilot::message::{
-    Address, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavType, heartbeat,
+    Address, MavAutopilot, MavMessage, MavModeFlag, MavResult, MavType, heartbeat,
 };
 use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
@@ -38,11 +38,20 @@ fn config() -> AutopilotLinkConfig {
     }
 }
 
+/// Drone that flies at 5 m.
+fn aloft(firmware: Firmware) -> LinkRig {
+    LinkRig::new(firmware, 5.0, &config())
+}
+/// Drone that the link commands at 5 m.
+fn commanding(firmware: Firmware) -> LinkRig {
+    LinkRig::commanding(firmware, 5.0, &config())
+}
+
 #[test]
 fn odometry_rate_and_time_of_validity() {
     // ArduCopter's telemetry sends at 40 Hz.
     for (firmware, positions, readings) in [(Firmware::Px4, 180, 90), (Firmware::ArduCopter, 76, 76)] {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.run(4.0);
         p.odometry.clear();
         p.ranges.clear();
@@ -71,7 +80,7 @@ fn odometry_rate_and_time_of_validity() {
 
 #[test]
 fn px4_offboard_after_streamed_set_points() {
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
+    let mut p = aloft(Firmware::Px4);
     p.pilot = None;
     p.run(5.0);
     assert_eq!(
@@ -95,15 +104,12 @@ fn px4_offboard_after_streamed_set_points() {
     p.run(2.0);
     assert!(p.sent_since(from) >= 100, "{} in 2 s", p.sent_since(from));
     // Only the pilot selects a mode or arms.
-    assert!(
-        p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty()
-            && p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty()
-    );
+    assert!(p.mode_commands().is_empty() && p.arm_commands().is_empty());
 }
 
 #[test]
 fn set_points_before_offboard() {
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
+    let mut p = aloft(Firmware::Px4);
     p.run(4.0);
     let from = p.t_s;
     // Set-points for distant positions are not streamed.
@@ -119,7 +125,7 @@ fn set_points_before_offboard() {
     p.run(1.0);
     assert!(p.sent_since(from + 0.05) <= 1, "{}", p.sent_since(from));
     // ArduCopter does not require a stream.
-    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = aloft(Firmware::ArduCopter);
     p.run(5.0);
     assert!(p.authority().may_offer() && p.sent.is_empty());
 }
@@ -129,7 +135,7 @@ fn takeover_by_a_pilot() {
     for firmware in BOTH {
         for phase in [State::Approach, State::Tracking, State::Descent, State::Flare] {
             for mode in [mode_number(firmware, AutopilotMode::Other), 0] {
-                let mut p = LinkRig::commanding(firmware, 5.0, &config());
+                let mut p = commanding(firmware);
                 p.mission = phase;
                 p.pilot = Some(if phase == State::Flare { press } else { lead });
                 p.run(0.3);
@@ -139,10 +145,7 @@ fn takeover_by_a_pilot() {
                 p.run(20.0);
                 let last = p.silent_since();
                 assert!(last - at <= 0.1, "{firmware:?} {phase:?}: {:.3} s", last - at);
-                assert!(
-                    p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty(),
-                    "the link took the mode back"
-                );
+                assert!(p.mode_commands().is_empty(), "the link took the mode back");
                 assert_eq!(p.linked.autopilot.mode(), mode);
                 assert_eq!(p.state().mode, AutopilotMode::Other);
             }
@@ -154,7 +157,7 @@ fn takeover_by_a_pilot() {
 fn autopilot_failsafes() {
     let modes = [AutopilotMode::Return, AutopilotMode::Land, AutopilotMode::Hold];
     for (firmware, mode) in BOTH.into_iter().flat_map(|f| modes.map(|m| (f, m))) {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.mission = State::Descent;
         p.run(0.1);
         p.choose(mode);
@@ -172,7 +175,7 @@ fn autopilot_failsafes() {
 
 /// Loses the remote control of a drone above the deck whose failsafe holds in OFFBOARD (GUIDED) as well.
 fn with_remote_failsafe(firmware: Firmware, state: State) -> LinkRig {
-    let mut p = LinkRig::new(firmware, 5.0, &config());
+    let mut p = aloft(firmware);
     p.linked.autopilot.channels = Some([1500; 18]);
     for name in ["COM_RCL_EXCEPT", "FS_OPTIONS"] {
         if let Some(value) = p.linked.autopilot.parameters.get_mut(name) {
@@ -200,7 +203,7 @@ fn hold_after_a_lost_remote_control() {
         p.run(4.0);
         p.assert_commanding();
         assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?} {state:?}");
-        let requests = p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len();
+        let requests = p.mode_commands().len();
         assert!((1..=3).contains(&requests), "{requests}");
         let since = &p.states[from..];
         assert!(
@@ -212,7 +215,7 @@ fn hold_after_a_lost_remote_control() {
         p.choose(AutopilotMode::Hold);
         p.run(5.0);
         assert_eq!(p.mode(), AutopilotMode::Hold);
-        assert_eq!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(), requests);
+        assert_eq!(p.mode_commands().len(), requests);
         assert!(!p.state().set_points_lost);
     }
 }
@@ -229,14 +232,14 @@ fn hold_that_no_failsafe_near_the_deck_explains() {
         }
         p.run(5.0);
         assert_eq!(p.mode(), AutopilotMode::Hold, "{firmware:?}");
-        assert!(p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty());
+        assert!(p.mode_commands().is_empty());
         assert!(!p.state().set_points_lost);
     }
 }
 
 #[test]
 fn silent_pilot_and_its_return() {
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = commanding(Firmware::Px4);
     p.pilot = None;
     let at = p.t_s;
     p.run(2.0);
@@ -260,7 +263,7 @@ fn silent_pilot_and_its_return() {
 #[test]
 fn link_without_heartbeats() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.mission = State::Tracking;
         p.run(0.1);
         p.linked.autopilot.silent = true;
@@ -283,7 +286,7 @@ fn link_without_heartbeats() {
 #[test]
 fn link_with_a_restarted_autopilot() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         let frames = p.frames();
         p.linked.autopilot.restart();
         p.run(6.0);
@@ -310,9 +313,11 @@ fn arming_when_configured() {
     ] {
         let c = AutopilotLinkConfig { may_arm, ..config() };
         let mut p = LinkRig::new(firmware, 0.3, &c);
-        (p.deck_offset, p.forecast, p.waits_for_flight) = ([away_m, 0.0], forecast, true);
+        p.deck_offset = [away_m, 0.0];
+        p.forecast = forecast;
+        p.waits_for_flight = true;
         p.linked.autopilot.arm(false);
-        let sent = |p: &LinkRig| p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len();
+        let sent = |p: &LinkRig| p.arm_commands().len();
         p.run(5.0);
         assert_eq!(sent(&p), 0, "armed in a pilot's mode");
         p.linked.autopilot.answer = denied.then_some(MavResult::MAV_RESULT_DENIED);
@@ -333,7 +338,7 @@ fn arming_when_configured() {
 
 #[test]
 fn other_systems_on_the_link() {
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = commanding(Firmware::Px4);
     let mode = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED;
     let other = |kind| heartbeat(MavAutopilot::MAV_AUTOPILOT_INVALID, kind, mode, 0);
     let flown_by_hand = heartbeat(
@@ -367,7 +372,7 @@ fn odometry_about_the_autopilots_origin() {
     let [latitude, longitude] = [origin.latitude_deg, origin.longitude_deg].map(f64::to_radians);
     let by_model = geoid::undulation(latitude, longitude).height_m;
     for firmware in BOTH {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.linked.autopilot.origin = origin;
         // One receiver reports both heights, the other only one: a missing height must not count as zero.
         p.linked.autopilot.geoid_m = (firmware == Firmware::Px4).then_some(41.0);
@@ -377,7 +382,8 @@ fn odometry_about_the_autopilots_origin() {
         assert_eq!(p.authority(), ControlAuthority::NoOrigin);
         assert_eq!(p.state().rejection.code, ReasonCode::NoOrigin);
         assert!(p.odometry.is_empty());
-        (p.linked.autopilot.answer, p.linked.autopilot.no_origin) = (None, false);
+        p.linked.autopilot.answer = None;
+        p.linked.autopilot.no_origin = false;
         p.run(65.0);
         let (_, reported) = *p.odometry.last().unwrap();
         let above_m = if firmware == Firmware::Px4 { 41.0 } else { by_model };
@@ -414,7 +420,7 @@ fn odometry_about_the_autopilots_origin() {
 #[test]
 fn set_points_before_a_landing() {
     for (firmware, some) in [(Firmware::ArduCopter, false), (Firmware::Px4, true)] {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         let from = p.t_s;
         p.run(2.0);
         assert_eq!(p.sent_since(from) > 0, some, "{firmware:?}");

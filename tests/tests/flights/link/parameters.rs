@@ -1,6 +1,6 @@
 //! Parameters of the autopilot that the link checks.
 
-use super::config;
+use super::aloft;
 use super::rig::LinkRig;
 use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
 use alight_uav::autopilot::ControlAuthority;
@@ -8,7 +8,7 @@ use alight_uav::autopilot::modes::Firmware;
 
 #[test]
 fn ardu_copter_without_the_thrust_option() {
-    let mut p = LinkRig::new(Firmware::ArduCopter, 5.0, &config());
+    let mut p = aloft(Firmware::ArduCopter);
     p.linked.autopilot.parameters.insert("GUID_OPTIONS", 0.0);
     p.run(5.0);
     assert_eq!(p.authority(), ControlAuthority::OptionMissing);
@@ -34,7 +34,7 @@ fn unsuitable_parameters_until_set() {
         (Firmware::Px4, "MPC_ACC_UP_MAX", 4.0, 8.0),
         (Firmware::ArduCopter, "GUID_TIMEOUT", 3.0, 0.3),
     ] {
-        let mut p = LinkRig::new(firmware, 5.0, &config());
+        let mut p = aloft(firmware);
         p.linked.autopilot.parameters.insert(name, wrong);
         p.run(3.0);
         let why = p.state().rejection;
@@ -63,7 +63,7 @@ fn unsuitable_parameters_until_set() {
 
 #[test]
 fn parameter_with_a_warning() {
-    let mut p = LinkRig::new(Firmware::Px4, 5.0, &config());
+    let mut p = aloft(Firmware::Px4);
     p.linked.autopilot.parameters.insert("MC_AIRMODE", 0.0);
     p.run(3.0);
     assert_eq!(p.state().rejection, Reason::default());

@@ -10,7 +10,7 @@ use alight_shared::msg::{
     ReasonCode, Seq, SetPoint, SetPointKind, SettingsOrder, State,
 };
 use alight_shared::node::Node as _;
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time, WorldTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::harness::link::LinkedAutopilot;
 use alight_sim::physics::body::RigidState;
@@ -62,7 +62,7 @@ pub struct LinkRig {
     pub on_deck: bool,
     pub pilot: Option<PilotControl>,
     pub mission: State,
-    since: Time<DroneClock>,
+    since: DroneTime,
     published: State,
     pub mission_silent: bool,
     pub low_battery: Option<BatteryPlace>,
@@ -149,8 +149,12 @@ impl LinkRig {
         LinkRig::at(firmware, height_m, 0.0, config)
     }
     pub fn at(firmware: Firmware, height_m: f64, yaw: f64, config: &AutopilotLinkConfig) -> LinkRig {
-        let (geometry, streams, t_s) = (DroneGeometry::default(), Streams::new(1), 1000.0);
-        let (odometry, config, c) = (OdometryConfig::default(), config.clone(), quiet(firmware));
+        let geometry = DroneGeometry::default();
+        let streams = Streams::new(1);
+        let t_s = 1000.0;
+        let odometry = OdometryConfig::default();
+        let config = config.clone();
+        let c = quiet(firmware);
         let position = Vector3::new(0.0, 0.0, -height_m);
         let start = DroneStart { position, yaw };
         let drone = SimulatedDrone::new(
@@ -161,7 +165,8 @@ impl LinkRig {
             &streams,
             start,
         );
-        let (state, hover) = (drone.plant_state(Time::from_secs(t_s)), drone.hover_thrust());
+        let state = drone.plant_state(Time::from_secs(t_s));
+        let hover = drone.hover_thrust();
         let make = move |boot| AutopilotLink::new(&config, &odometry, &geometry, true, 1, boot);
         let autopilot =
             SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
@@ -280,7 +285,7 @@ impl LinkRig {
             position: Point::new(0.0, 0.0, 0.0),
             ..RigidState::default()
         };
-        let t = Time::<TrueTime>::from_secs(self.t_s);
+        let t = WorldTime::from_secs(self.t_s);
         let range = RangeSample {
             range_m: -self.truth().position.0.z - 0.08,
             variance: 4e-4,
@@ -293,7 +298,8 @@ impl LinkRig {
             .step(t, STEP, &[deck; 2], 100.0, TURNS, |truth| linked.turn(truth));
         self.on_deck = reports.iter().any(|r| r.feet.contains(&true));
         self.t_s += STEP.secs();
-        let (t, now) = (Time::from_secs(self.t_s), Time::from_secs(self.t_s));
+        let t = Time::from_secs(self.t_s);
+        let now = Time::from_secs(self.t_s);
         let received = self.linked.received(t);
         self.step_link(
             (t, now),
@@ -338,7 +344,7 @@ impl LinkRig {
         }
         self.step_link((t, now), input);
     }
-    fn step_link(&mut self, (t, now): (Time<TrueTime>, Time<DroneClock>), input: AutopilotIn) {
+    fn step_link(&mut self, (t, now): (WorldTime, DroneTime), input: AutopilotIn) {
         let Some(link) = &mut self.link else { return };
         let checkpoint = Some(self.kept);
         let out = link.step(now, &AutopilotIn { checkpoint, ..input });
@@ -411,6 +417,12 @@ impl LinkRig {
             .map(|(_, c)| *c)
             .filter(|c| c.command == command)
             .collect()
+    }
+    pub fn arm_commands(&self) -> Vec<CommandLong> {
+        self.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)
+    }
+    pub fn mode_commands(&self) -> Vec<CommandLong> {
+        self.commands_of(MavCmd::MAV_CMD_DO_SET_MODE)
     }
     pub fn give(&mut self, m: &MavlinkMessage) {
         let truth = self.drone.plant_state(Time::from_secs(self.t_s));

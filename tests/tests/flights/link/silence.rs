@@ -5,13 +5,13 @@ use alight_shared::msg::LandedState;
 use alight_uav::autopilot::modes::Firmware;
 
 use super::rig::LinkRig;
-use super::{BOTH, config};
+use super::{BOTH, commanding};
 
 /// The charge becomes unknown at 57 %, and the operator is informed.
 #[test]
 fn battery_report_that_stops() {
     for firmware in BOTH {
-        let mut p = LinkRig::commanding(firmware, 5.0, &config());
+        let mut p = commanding(firmware);
         p.linked.autopilot.battery = 0.57;
         p.run(3.0);
         assert!((p.state().battery.unwrap() - 0.57).abs() < 0.02, "{firmware:?}");
@@ -34,7 +34,7 @@ fn battery_report_that_stops() {
 /// The report stops on the ground; the landed state is then unknown in the air.
 #[test]
 fn landed_report_that_stops() {
-    let mut p = LinkRig::commanding(Firmware::Px4, 5.0, &config());
+    let mut p = commanding(Firmware::Px4);
     p.linked.autopilot.landed_report = Some(LandedState::OnGround);
     p.run(1.0);
     assert_eq!(p.state().landed, LandedState::OnGround);

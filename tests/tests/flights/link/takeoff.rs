@@ -6,7 +6,7 @@ use alight_uav::autopilot::message::{Address, MavAutopilot, MavCmd, MavModeFlag,
 use alight_uav::autopilot::modes::{Firmware, px4_mode};
 
 use super::rig::{LinkRig, STEP, hover};
-use super::{BOTH, config};
+use super::{BOTH, commanding, config};
 
 fn stand(_: &DroneState) -> SetPoint {
     SetPoint {
@@ -41,21 +41,14 @@ fn mode_and_arming_of_a_take_off() {
             "{firmware:?}"
         );
         p.assert_commanding();
-        assert_eq!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
-            1,
-            "{firmware:?}"
-        );
+        assert_eq!(p.arm_commands().len(), 1, "{firmware:?}");
         // The accepted command counts before the next heartbeat.
         let arms = MavCmd::MAV_CMD_COMPONENT_ARM_DISARM;
         let sent = p.commands.iter().find(|(_, c)| c.command == arms);
         let armed = p.states.iter().find(|a| a.armed).map(|a| a.header.at.secs());
         let took_s = armed.unwrap() - sent.unwrap().0;
         assert!(took_s < 0.3, "{firmware:?}: {took_s} s");
-        assert!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM)[0].parameters[1] == 0.0,
-            "not by force"
-        );
+        assert!(p.arm_commands()[0].parameters[1] == 0.0, "not by force");
         // The drone is disarmed after the stop, and not armed again.
         p.mission = State::StandDown;
         p.run(2.0);
@@ -75,11 +68,7 @@ fn autopilot_that_does_not_arm() {
         p.mission = State::SpinUp;
         p.run(10.0);
         assert!(!p.linked.autopilot.armed());
-        assert_eq!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).len(),
-            3,
-            "{firmware:?}"
-        );
+        assert_eq!(p.arm_commands().len(), 3, "{firmware:?}");
         let expected = format!("{} does not arm: {text}", firmware.name());
         assert!(p.texts.contains(&expected), "{firmware:?}: {:?}", p.texts);
         let sent = p
@@ -97,7 +86,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
         let mut p = standing(firmware);
         p.mission = State::SpinUp;
         for _ in 0..2000 {
-            if !p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty() {
+            if !p.arm_commands().is_empty() {
                 break;
             }
             p.run(STEP.secs());
@@ -105,7 +94,7 @@ fn take_off_stopped_as_the_autopilot_arms() {
         p.run(0.1);
         p.mission = State::StandDown;
         p.run(4.0);
-        let sent = p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM);
+        let sent = p.arm_commands();
         let forced = sent.iter().skip(1).all(|c| c.parameters[1] != 0.0);
         assert!(sent.len() > 1 && forced, "{firmware:?}: {sent:?}");
         assert!(!p.linked.autopilot.armed(), "{firmware:?}");
@@ -162,8 +151,9 @@ fn person_who_takes_the_drone_over_while_it_spins_up() {
 fn set_points_that_come_back_in_the_air() {
     for firmware in BOTH {
         for state in [State::SpinUp, State::StandDown] {
-            let mut p = LinkRig::commanding(firmware, 5.0, &config());
-            (p.pilot, p.mission) = (None, state);
+            let mut p = commanding(firmware);
+            p.pilot = None;
+            p.mission = state;
             p.run(1.0);
             p.pilot = Some(stand);
             p.run(3.0);
@@ -183,14 +173,11 @@ fn mission_chosen_again_after_the_turn_back() {
         let mut p = LinkRig::commanding(firmware, 15.0, &config());
         assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
         p.run(5.0);
-        assert!(
-            p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).is_empty(),
-            "{firmware:?}"
-        );
+        assert!(p.mode_commands().is_empty(), "{firmware:?}");
         p.waiting = Some(ReasonCode::TurnsBack);
         p.run(5.0);
         assert_eq!(p.mode(), AutopilotMode::Offboard, "{firmware:?}");
-        let sent = p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len();
+        let sent = p.mode_commands().len();
         assert!((1..=3).contains(&sent), "{firmware:?}: {sent}");
         for _ in 0..2 {
             assert!(p.linked.autopilot.choose(own_mission), "{firmware:?}");
@@ -201,11 +188,7 @@ fn mission_chosen_again_after_the_turn_back() {
         p.restart_link(0.2);
         p.run(5.0);
         assert_eq!(p.linked.autopilot.mode(), own_mission, "{firmware:?}");
-        assert_eq!(
-            p.commands_of(MavCmd::MAV_CMD_DO_SET_MODE).len(),
-            sent,
-            "{firmware:?}"
-        );
+        assert_eq!(p.mode_commands().len(), sent, "{firmware:?}");
     }
 }
 
@@ -218,10 +201,7 @@ fn arming_that_a_pilot_may_have_ended() {
         p.run(0.5);
         p.restart_link(0.2);
         p.run(8.0);
-        assert!(
-            p.commands_of(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM).is_empty(),
-            "{firmware:?}"
-        );
+        assert!(p.arm_commands().is_empty(), "{firmware:?}");
         let mut p = standing(firmware);
         p.mission = State::SpinUp;
         p.run(6.0);
