@@ -169,7 +169,8 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
     let doing = format_args!("{} is not a certificate", path.display());
     let (_rest, found) = parse_x509_pem(pem.as_bytes()).doing(doing)?;
     let certificate = found.parse_x509().doing(doing)?;
-    let (mut key_id, mut signed_with) = (None, None);
+    let mut key_id = None;
+    let mut signed_with = None;
     for extension in certificate.extensions() {
         match extension.parsed_extension() {
             ParsedExtension::SubjectKeyIdentifier(id) => key_id = Some(id.0.to_vec()),
@@ -179,7 +180,8 @@ pub fn read_certificate(path: &Path) -> Result<CertificateDetails, CliError> {
             _ => {}
         }
     }
-    let (now, validity) = (OffsetDateTime::now_utc(), certificate.validity());
+    let now = OffsetDateTime::now_utc();
+    let validity = certificate.validity();
     let name = certificate.subject().iter_common_name().next();
     Ok(CertificateDetails {
         certificate: Certificate {

@@ -11,6 +11,8 @@ pub mod playback;
 pub mod process;
 pub mod quantity;
 pub mod record;
+#[cfg(test)]
+mod scratch;
 pub mod situation;
 pub mod subject;
 pub mod table;

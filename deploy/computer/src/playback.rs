@@ -8,7 +8,7 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::ComputerReport;
 use alight_shared::node::Node;
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 use alight_shared::wire::{self, WireError};
 use alight_uav::computer as uav;
 use alight_uav::planner::law::Law;
@@ -115,7 +115,8 @@ struct Player {
 impl Player {
     /// None for the world, and for a start whose input was only partly recorded.
     fn of(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Option<Player>, CliError> {
-        let (header, name) = (&start.header, start.name());
+        let header = &start.header;
+        let name = start.name();
         if header.process == WORLD {
             return Ok(None);
         }
@@ -142,7 +143,7 @@ impl Player {
     /// Replays a step. A missing step ends the replay, because the node's state is unknown after it.
     fn step(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
@@ -151,7 +152,8 @@ impl Player {
             return Ok(());
         };
         if step.number != replayed.steps {
-            let (first, last) = (replayed.steps, step.number.saturating_sub(1));
+            let first = replayed.steps;
+            let last = step.number.saturating_sub(1);
             note(
                 true,
                 format!(
@@ -173,7 +175,8 @@ impl Player {
 
 /// Reason why a start cannot be replayed: a part of its input is not recorded.
 fn not_recorded(start: &ProcessStart) -> Result<Option<String>, CliError> {
-    let (header, kind) = (&start.header, start.kind());
+    let header = &start.header;
+    let kind = start.kind();
     if header.first_step > 0 {
         return Ok(Some(format!("begins at step {}", header.first_step)));
     }
@@ -236,9 +239,11 @@ impl usv::RowVisitor for Beginning<'_> {
 impl uav::RowVisitor for Beginning<'_> {
     type Found = MadeNode;
     fn row<N: uav::Installed + 'static>(self) -> MadeNode {
-        let (log, boot) = (self.log, self.start.header.boot);
+        let log = self.log;
+        let boot = self.start.header.boot;
         let computer: DroneComputerConfig = self.start.config()?;
-        let (nodes, own) = (computer.nodes(), &computer.drone);
+        let nodes = computer.nodes();
+        let own = &computer.drone;
         // The first start in a simulated world does not wait for a predecessor's checkpoint.
         let succeeds = log.is_live() || log.find(&self.start.header.process) != Some(self.start);
         let mut other: Option<Box<dyn Any>> = None;
@@ -262,7 +267,7 @@ trait Replayed {
     /// has not computed counts as a difference.
     fn step(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
@@ -277,7 +282,7 @@ struct ReplayedNode<N> {
 impl<N: Wired> Replayed for ReplayedNode<N> {
     fn step(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
@@ -316,7 +321,7 @@ struct ForeignPlans;
 impl Replayed for ForeignPlans {
     fn step(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         step: &LogStep<'_>,
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
@@ -339,7 +344,7 @@ impl Replayed for ForeignPlans {
 impl Replayed for SupervisorNode {
     fn step(
         &mut self,
-        _t: Time<TrueTime>,
+        _t: WorldTime,
         step: &LogStep<'_>,
         _computed: &mut Computed,
         _observers: &mut dyn StepObserver,
@@ -355,13 +360,15 @@ mod tests {
     use std::path::Path;
 
     use alight_shared::config;
-    use alight_shared::time::DroneClock;
+    use alight_shared::time::DroneTime;
     use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, GreyImage};
     use alight_usv::sensors::{SensorNode, SensorsIn};
 
     use super::*;
     use crate::record::flight::recorder::NodeRecorder;
+    use crate::scratch::scratch;
     use crate::vessel::sensors;
+    use std::fs;
 
     fn record<N: Wired>(
         directory: &Path,
@@ -386,7 +393,7 @@ mod tests {
     fn image(k: i64) -> CameraIn {
         let level = |p: usize| (p / 7 + k as usize) as u8;
         let image = GreyImage::new(640, 480, (0..640 * 480).map(level).collect()).unwrap();
-        let at = Time::<DroneClock>::from_nanos(k * 20_000_000);
+        let at = DroneTime::from_nanos(k * 20_000_000);
         CameraIn {
             frames: vec![CameraFrame { at, image }],
             exposed: None,
@@ -396,10 +403,10 @@ mod tests {
     #[test]
     fn replay_of_sensors_and_cameras() {
         const KEY: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        let directory = std::env::temp_dir().join(format!("alight-rows-{}", std::process::id()));
-        std::fs::create_dir_all(&directory).unwrap();
+        let directory = scratch("rows");
+        fs::create_dir_all(&directory).unwrap();
         let key = directory.join("key");
-        std::fs::write(&key, KEY).unwrap();
+        fs::write(&key, KEY).unwrap();
         let source = "[[sensor.sources]]\nname = \"mast\"\nconnect = \"udpin://127.0.0.1:9\"\n";
         let signed = format!(
             "{source}format = \"mavlink\"\nsigning_key = \"{}\"\n",
@@ -420,7 +427,9 @@ mod tests {
             let computer: DroneComputerConfig = config::parse(&text, "drone").unwrap();
             let mut images: Vec<CameraIn> = (1..4).map(image).collect();
             if keeps {
-                images.iter_mut().for_each(|i| i.frames[0].image.keep());
+                for i in &mut images {
+                    i.frames[0].image.keep();
+                }
             }
             let node = <CameraNode as uav::Installed>::installed(&computer.nodes(), boot);
             record(&directory, (ProcessKind::Camera, boot), &text, node, &images);
@@ -453,6 +462,6 @@ mod tests {
             Ok(())
         })
         .unwrap();
-        std::fs::remove_dir_all(&directory).unwrap();
+        fs::remove_dir_all(&directory).unwrap();
     }
 }

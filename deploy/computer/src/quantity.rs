@@ -50,7 +50,8 @@ pub fn whole<T: TryFrom<i64>>(range: RangeInclusive<i64>) -> impl Fn(&str) -> Re
         {
             return Ok(number);
         }
-        let (low, high) = (range.start(), range.end());
+        let low = range.start();
+        let high = range.end();
         Err(format!("a whole number from {low} to {high} is needed"))
     }
 }
@@ -73,7 +74,8 @@ impl FromStr for WrittenTime {
 impl WrittenTime {
     pub fn whole(self, (name, unit_s): (&str, f64), range: &RangeInclusive<u32>) -> Result<u32, String> {
         let count = self.1.map_or(self.0, |s| self.0 * s / unit_s);
-        let (low, high) = (*range.start(), *range.end());
+        let low = *range.start();
+        let high = *range.end();
         if count.fract() == 0.0 && (f64::from(low)..=f64::from(high)).contains(&count) {
             return Ok(count as u32);
         }

@@ -100,7 +100,8 @@ impl ObservedSituation {
     /// Time since the landing or the stopped take-off, s, if the drone remains armed on the deck for longer than
     /// disarming takes.
     pub fn still_armed_s(&self) -> Option<f64> {
-        let (mission, autopilot) = (self.snapshot.mission.as_ref()?, self.snapshot.autopilot.as_ref()?);
+        let mission = self.snapshot.mission.as_ref()?;
+        let autopilot = self.snapshot.autopilot.as_ref()?;
         let disarm_s = self.known.disarm_s;
         let disarm_s = disarm_s.unwrap_or_else(|| DisarmConfig::default().longest_s());
         still_armed_s(mission.header.at, mission, autopilot.armed, disarm_s)

@@ -79,12 +79,14 @@ impl Table {
         }
         let names = self.is_number.iter().take_while(|is| !**is).count().max(1);
         let named = widths.iter().take(names).map(|width| width + 2).sum::<usize>();
-        let (mut block, mut used) = (0, named);
+        let mut block = 0;
+        let mut used = named;
         // Block of each column; None: the column is in every block.
         let blocks = widths.iter().enumerate().map(|(k, width)| {
             let own = width + 2;
             if k > names && used + own > WIDTH {
-                (block, used) = (block + 1, named);
+                block += 1;
+                used = named;
             }
             used += if k < names { 0 } else { own };
             (k >= names).then_some(block)

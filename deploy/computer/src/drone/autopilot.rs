@@ -56,7 +56,8 @@ impl Speakers {
     /// Filter that accepts datagrams of the autopilot with this system id, or of any autopilot if it is 0. The first
     /// accepted sender becomes the autopilot.
     pub fn of_vehicle(&self, vehicle: u8) -> Speaks {
-        let (signing, rejected) = (self.signing.clone(), self.rejected.clone());
+        let signing = self.signing.clone();
+        let rejected = self.rejected.clone();
         Arc::new(move |datagram| {
             let mut decoder = Decoder::signed(signing.clone());
             decoder.push(datagram);
@@ -250,8 +251,12 @@ impl Edge<AutopilotLink> for MavlinkEdge {
             .messages
             .iter()
             .filter_map(|m| self.encoder.frame(out.from, m));
-        frames.for_each(|bytes| self.link.write(&bytes));
-        out.rtcm.iter().for_each(|frame| self.receivers.gnss.write(frame));
+        for bytes in frames {
+            self.link.write(&bytes);
+        }
+        for frame in &out.rtcm {
+            self.receivers.gnss.write(frame);
+        }
         // Signatures are part of the frames, which the node does not process.
         let own = out.checkpoint;
         let signing = self.signing.as_ref().map(Signing::times).unwrap_or_default();
@@ -264,7 +269,8 @@ impl Edge<AutopilotLink> for MavlinkEdge {
 
 impl ProcessEdge<AutopilotLink> for MavlinkEdge {
     fn stepped(&mut self, _at: &NodeView<'_, AutopilotLink>, step: &RowStep<AutopilotLink>) {
-        let (error, others) = (self.link.last_error(), self.receivers.last_errors());
+        let error = self.link.last_error();
+        let others = self.receivers.last_errors();
         for text in step.out.texts.iter().chain(&error).chain(others.iter().flatten()) {
             info!("autopilot: {text}");
         }
@@ -292,7 +298,8 @@ impl ProcessEdge<AutopilotLink> for MavlinkEdge {
 
 impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
     async fn arrival(&mut self, wakes: &Wakes) -> Result<bool, CliError> {
-        let (decoder, receivers) = (&mut self.decoder, &mut self.receivers);
+        let decoder = &mut self.decoder;
+        let receivers = &mut self.receivers;
         let mut due = self.more;
         if !due {
             tokio::select! {
@@ -316,8 +323,7 @@ impl AwaitedEdge<AutopilotLink> for MavlinkEdge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::autopilot::message::COMPANION_COMPONENT;
-    use alight_uav::autopilot::message::CommandLong;
+    use alight_uav::autopilot::message::{COMPANION_COMPONENT, CommandLong};
 
     #[test]
     fn datagram_that_makes_its_sender_the_peer() {

@@ -75,7 +75,8 @@ impl Edge<Bridge> for RadioEdge {
                 self.shown.extend(report);
             } else {
                 let at = self.clock.read(packet.at_ns);
-                let (sender, bytes) = (packet.sender, packet.bytes);
+                let sender = packet.sender;
+                let bytes = packet.bytes;
                 input
                     .packets
                     .push(Stamped::new(at, Packet { kind, sender, bytes }));
@@ -142,7 +143,8 @@ impl AwaitedEdge<Bridge> for RadioEdge {
 }
 
 fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportError> {
-    let (vessel, own) = (computer.bridge.vessel_id, computer.bridge.drone_id.to_string());
+    let vessel = computer.bridge.vessel_id;
+    let own = computer.bridge.drone_id.to_string();
     RadioPort::open(&computer.radio, RadioEnd::Drone, |row| match row.from {
         RadioEnd::Drone => drone_key(&own, row.topic.name),
         RadioEnd::Vessel | RadioEnd::Operator => vessel_key(vessel, row.topic.name),

@@ -17,7 +17,7 @@ use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
 use alight_shared::node::Node;
 use alight_shared::tags::ForeignTag;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use alight_transport::clock::ProcessClock;
 use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
 use alight_transport::memory::Memory;
@@ -57,7 +57,7 @@ pub trait Detector: Installed + Node<In = CameraIn, Clock = DroneClock> {
     fn source(computer: &DroneComputerConfig) -> (CameraSource, [u32; 2]);
     fn set_source(computer: &mut DroneComputerConfig, source: &str);
     /// Time of each detection, with the line to print for it.
-    fn detections(out: &Self::Out) -> Vec<(Time<DroneClock>, Value)>;
+    fn detections(out: &Self::Out) -> Vec<(DroneTime, Value)>;
     fn counted(&self) -> (Vec<Metric>, Value);
     fn reported(_out: &Self::Out) -> Option<CameraLight> {
         None
@@ -84,7 +84,7 @@ impl Detector for CameraNode {
     fn set_source(computer: &mut DroneComputerConfig, source: &str) {
         computer.camera.source = source.into();
     }
-    fn detections(out: &CameraOut) -> Vec<(Time<DroneClock>, Value)> {
+    fn detections(out: &CameraOut) -> Vec<(DroneTime, Value)> {
         let detection = |m: &TagPose| {
             let line = json!({
                 "at_s": m.header.at.secs(),
@@ -134,7 +134,7 @@ impl Detector for UvdarNode {
     fn set_source(computer: &mut DroneComputerConfig, source: &str) {
         computer.uvdar.source = source.into();
     }
-    fn detections(out: &UvdarOut) -> Vec<(Time<DroneClock>, Value)> {
+    fn detections(out: &UvdarOut) -> Vec<(DroneTime, Value)> {
         let detection = |m: &UvdarFix| {
             let line = json!({
                 "at_s": m.header.at.secs(),
@@ -163,7 +163,7 @@ impl Detector for UvdarNode {
 struct Shown {
     images: ImagePublisher,
     deck: DeckGeometry,
-    next: Time<DroneClock>,
+    next: DroneTime,
 }
 
 impl Shown {
@@ -223,7 +223,8 @@ impl<D: Detector> CameraEdge<D> {
             }
             Source::Thread(events, _) => match events.recv_timeout(IDLE_WAIT) {
                 Ok(SourceEvent::Image(frame, number, setting)) => {
-                    (self.number, self.light.exposed) = (number, setting);
+                    self.number = number;
+                    self.light.exposed = setting;
                     self.input.frames.push(frame);
                 }
                 Ok(SourceEvent::Automatic(why)) => warn!(
@@ -256,7 +257,7 @@ enum SourceEvent {
 #[derive(Default)]
 struct ForeignSearch {
     tags: Option<ForeignTags>,
-    next: Time<DroneClock>,
+    next: DroneTime,
     found: Option<ForeignTag>,
 }
 
@@ -274,7 +275,7 @@ impl ForeignSearch {
 #[derive(Default)]
 struct LightRecord {
     exposed: Option<Exposed>,
-    tag: Option<(Time<DroneClock>, TagLight)>,
+    tag: Option<(DroneTime, TagLight)>,
     report: Option<CameraLight>,
 }
 
@@ -301,7 +302,7 @@ impl LightRecord {
         self.report = Some(light);
         light.hides_tags().filter(|why| Some(why.code) != before)
     }
-    fn metrics(&self, now: Time<DroneClock>) -> impl Iterator<Item = Metric> {
+    fn metrics(&self, now: DroneTime) -> impl Iterator<Item = Metric> {
         let setting = self.exposed.map(|e| e.setting).map(|s| {
             [
                 MetricName::Exposure.seconds(s.exposure_s),
@@ -412,7 +413,9 @@ impl<D: Detector> Edge<D> for CameraEdge<D> {
         *input = core::mem::take(&mut self.input);
         input.exposed = self.light.exposed;
         if self.keeps_images {
-            input.frames.iter_mut().for_each(|frame| frame.image.keep());
+            for frame in &mut input.frames {
+                frame.image.keep();
+            }
         }
     }
     fn write<B: Bus>(&mut self, _input: &CameraIn, out: &mut D::Out, ports: &mut D::Ports<B>) -> bool {
@@ -431,15 +434,17 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
                 Source::Simulation(_) => None,
             };
             self.light.looked(frame, node.metered(), metered);
-            self.shown.iter_mut().for_each(|shown| shown.show(frame, node));
+            if let Some(shown) = &mut self.shown {
+                shown.show(frame, node);
+            }
         }
         if let Some(why) = D::reported(&step.out).and_then(|light| self.light.reported(light)) {
             warn!("{}: {why}", D::KIND.name());
         }
         let detections = D::detections(&step.out);
-        detections
-            .iter()
-            .for_each(|(at, _)| self.ages.add((sent.now - *at).secs()));
+        for (at, _) in &detections {
+            self.ages.add((sent.now - *at).secs());
+        }
         if !detections.is_empty() {
             self.foreign = ForeignSearch::default();
         } else if let Some(tag) = frames.last().and_then(|frame| self.foreign.undetected(frame)) {
@@ -456,9 +461,9 @@ impl<D: Detector> ProcessEdge<D> for CameraEdge<D> {
             MetricName::SourceReopened.count(self.opened),
         ];
         let (counts, text) = at.node.counted();
-        self.printed
-            .iter_mut()
-            .for_each(|printed| *printed = text.clone());
+        if let Some(printed) = &mut self.printed {
+            *printed = text.clone();
+        }
         counts
             .into_iter()
             .chain(own)
@@ -571,7 +576,7 @@ impl SourceThread {
     }
 }
 
-fn print(frames: &[CameraFrame], detections: &[(Time<DroneClock>, Value)]) {
+fn print(frames: &[CameraFrame], detections: &[(DroneTime, Value)]) {
     for frame in frames {
         let found = detections.iter().find(|(at, _)| *at == frame.at);
         let none = json!({"at_s": frame.at.secs(), "position_m": null});

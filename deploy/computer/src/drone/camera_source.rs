@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::{CameraFrame, GreyImage};
@@ -173,7 +173,7 @@ impl Pipe {
             Ok(()) => {}
             Err(e) => return Err(CliError::because("reading images from a pipe", e)),
         }
-        let now: Time<DroneClock> = clock.now();
+        let now: DroneTime = clock.now();
         let image = GreyImage::new(width, height, pixels).doing("reading a pipe")?;
         Ok(Some(CameraFrame {
             at: now - self.delay,
@@ -235,7 +235,7 @@ impl Device {
             .unwrap_or(0)
             .saturating_mul(1000);
         let fresh = (0..1_000_000_000).contains(&(now_ns - stamped_ns));
-        let at: Time<DroneClock> = clock.read(if fresh { stamped_ns } else { now_ns });
+        let at: DroneTime = clock.read(if fresh { stamped_ns } else { now_ns });
         let bytes: &[u8] = &frame;
         let pixels: Vec<u8> = bytes
             .iter()
@@ -254,6 +254,7 @@ impl Device {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
 
     fn source(name: &Path) -> CameraSource {
         CameraSource {
@@ -265,9 +266,10 @@ mod tests {
 
     #[test]
     fn camera_source_files_and_invalid_names() {
-        let directory = std::env::temp_dir().join(format!("alight-images-{}", std::process::id()));
+        let directory = scratch("images");
         std::fs::create_dir_all(&directory).unwrap();
-        let (size, clock) = ([40, 32], ProcessClock::default());
+        let size = [40, 32];
+        let clock = ProcessClock::default();
         let rejection = |e: Result<Images, CliError>| e.err().unwrap().to_string();
         assert!(rejection(Images::open(&source(&directory), size)).contains("no .pgm file"));
         for (name, level) in [("b.pgm", 20), ("a.pgm", 10)] {

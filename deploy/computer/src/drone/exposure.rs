@@ -241,7 +241,9 @@ mod tests {
         let device = Device::with(&WEBCAM);
         let mut control = ExposureControl::take(&device, &source(0.004, -1)).unwrap();
         assert!(!control.at_limit());
-        (1..400).for_each(|image| control.meter(&device, image, image, &dark).unwrap());
+        for image in 1..400 {
+            control.meter(&device, image, image, &dark).unwrap();
+        }
         let Setting { exposure_s, gain } = control.setting();
         assert!(
             control.at_limit() && (exposure_s, gain) == (0.004, 100.0),

@@ -3,7 +3,7 @@
 
 use alight_shared::bus::{Edge, RowStep};
 use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::Pilot;
 
@@ -12,7 +12,7 @@ use crate::process::run::{NodeView, ProcessEdge};
 #[derive(Default)]
 pub struct Ages {
     /// Time of the newest forecast, and the age of the vessel measurement at that time, s.
-    newest: Option<(Time<DroneClock>, f64)>,
+    newest: Option<(DroneTime, f64)>,
     from_vessel: Quantiles,
     from_odometry: Quantiles,
 }

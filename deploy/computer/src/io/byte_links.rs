@@ -59,11 +59,13 @@ async fn run(
     to: mpsc::Sender<ByteArrival>,
     mut messages: mpsc::Receiver<Vec<u8>>,
 ) {
-    let (mut foreign, mut open) = (None, false);
+    let mut foreign = None;
+    let mut open = false;
     let mut bytes = Vec::new();
     loop {
         let news = (link.foreign_senders(), link.is_open()) != (foreign, open);
-        (foreign, open) = (link.foreign_senders(), link.is_open());
+        foreign = link.foreign_senders();
+        open = link.is_open();
         let arrival = ByteArrival {
             link: number,
             bytes: core::mem::take(&mut bytes),

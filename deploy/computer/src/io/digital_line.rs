@@ -143,6 +143,7 @@ fn is_regular(path: &Path) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
 
     #[test]
     fn digital_line_names() {
@@ -171,7 +172,7 @@ mod tests {
 
     #[test]
     fn digital_line_file() {
-        let path = std::env::temp_dir().join(format!("alight-line-{}", std::process::id()));
+        let path = scratch("line");
         let mut line = DigitalLine::new(&path.display().to_string());
         assert!(line.read().is_err(), "missing");
         assert!(line.write(true).is_err(), "a missing file is not created");

@@ -50,7 +50,8 @@ impl Ports {
         let count = self.known.len();
         self.known.retain(|p| *p != port);
         if self.known.len() < count {
-            (self.new, self.left_out) = (0, 0);
+            self.new = 0;
+            self.left_out = 0;
         } else {
             self.new = self.new.saturating_add(1);
             self.known.drain(..count.saturating_sub(MAX_PORTS - 1));
@@ -163,7 +164,8 @@ mod tests {
         let speaks: Speaks = Arc::new(|datagram| datagram.starts_with(b"autopilot"));
         let mut peer = LinkPeer::listening(Some([10, 0, 0, 7].into()), Some(speaks));
         let now = Instant::now();
-        let (own, other) = (at("10.0.0.7:14580"), at("10.0.0.8:14580"));
+        let own = at("10.0.0.7:14580");
+        let other = at("10.0.0.8:14580");
         assert!(!peer.takes(now, other, b"autopilot"), "of another computer");
         assert!(!peer.takes(now, own, b"scan"), "not an autopilot");
         assert_eq!((peer.address(), peer.foreign()), (None, 2));

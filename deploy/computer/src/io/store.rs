@@ -165,7 +165,8 @@ impl StoredFile {
         }
     }
     fn write(&mut self, state: Vec<u8>) {
-        let (path, Holds { what, lost, misleads }) = (&self.path, self.holds);
+        let path = &self.path;
+        let Holds { what, lost, misleads } = self.holds;
         let done = if state.is_empty() {
             remove(path)
         } else {

@@ -93,7 +93,8 @@ impl SignalKSocket {
                 self.put(Message::Ping(Vec::<u8>::new().into())).await?;
                 continue;
             };
-            (self.due, self.pinged) = (Instant::now() + SILENT, false);
+            self.due = Instant::now() + SILENT;
+            self.pinged = false;
             match message {
                 Some(Ok(Message::Text(text))) => return Ok(text.as_str().to_owned()),
                 None => return Err(closed("without a reason")),
@@ -215,6 +216,7 @@ fn rejected(e: &Error) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
     use tokio::net::TcpListener;
     use tokio_tungstenite::accept_hdr_async;
     use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
@@ -226,7 +228,8 @@ mod tests {
         status: Option<u16>,
     ) -> (String, Option<HeaderValue>, Vec<Message>) {
         let (stream, _) = listener.accept().await.unwrap();
-        let (mut path, mut token) = (String::new(), None);
+        let mut path = String::new();
+        let mut token = None;
         #[allow(clippy::result_large_err)]
         let look = |request: &Request, response: Response| {
             path = request.uri().to_string();
@@ -259,7 +262,7 @@ mod tests {
 
     #[tokio::test]
     async fn signalk_socket_both_ways_with_a_token() {
-        let file = std::env::temp_dir().join(format!("alight-token-{}", std::process::id()));
+        let file = scratch("token");
         fs::write(&file, "eyJhbGci\n").unwrap();
         let (listener, host) = listening().await;
         let messages = vec![
@@ -316,7 +319,8 @@ mod tests {
         let (listener, host) = listening().await;
         let server = tokio::spawn(server(listener, Vec::new(), None));
         let mut socket = SignalKSocket::connect(&host, Subscribe::Own, None).await.unwrap();
-        (socket.due, socket.pinged) = (Instant::now(), true);
+        socket.due = Instant::now();
+        socket.pinged = true;
         let e = socket.receive().await.unwrap_err();
         assert_eq!(e.kind(), ErrorKind::TimedOut, "{e}");
         drop(socket);

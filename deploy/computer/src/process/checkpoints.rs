@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use alight_shared::admission::Periodic;
 use alight_shared::checkpoint::{CheckpointStore, Republisher};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneClock, DroneTime, Span};
 use alight_transport::memory::Memory;
 use tracing::{info, warn};
 
@@ -39,13 +39,13 @@ impl PersistentCheckpoints {
     }
     /// Restores the task of a flight that a reboot interrupted, from the file at `path` on the disk.
     #[must_use]
-    pub fn on_disk(mut self, path: Option<PathBuf>, now: Time<DroneClock>) -> PersistentCheckpoints {
+    pub fn on_disk(mut self, path: Option<PathBuf>, now: DroneTime) -> PersistentCheckpoints {
         self.lasting = path.and_then(|path| LastingFile::open(path, now, self.kept.store_mut()));
         self
     }
     /// Restores the checkpoints of a crashed supervisor from the file at `path`, and continues to write them there.
     #[must_use]
-    pub fn in_file(mut self, path: PathBuf, now: Time<DroneClock>) -> PersistentCheckpoints {
+    pub fn in_file(mut self, path: PathBuf, now: DroneTime) -> PersistentCheckpoints {
         self.file = CheckpointFile::open(path);
         if let Some(file) = &self.file {
             file.restore(now, self.kept.store_mut());
@@ -66,7 +66,7 @@ impl PersistentCheckpoints {
         }
     }
     /// Takes the newest checkpoint of each node and publishes it ([`Republisher`]).
-    pub fn poll(&mut self, now: Time<DroneClock>) {
+    pub fn poll(&mut self, now: DroneTime) {
         let new = self.kept.poll(now);
         if let Some(file) = &mut self.file {
             file.poll(now, new, self.kept.store());
@@ -104,7 +104,7 @@ impl CheckpointFile {
             }
         }
     }
-    fn restore(&self, now: Time<DroneClock>, checkpoints: &mut CheckpointStore) {
+    fn restore(&self, now: DroneTime, checkpoints: &mut CheckpointStore) {
         let path = self.path.display();
         match read(&self.path) {
             Ok(None) => {}
@@ -115,7 +115,7 @@ impl CheckpointFile {
             Err(e) => warn!("{path}: reading the checkpoints of the former supervisor: {e}"),
         }
     }
-    fn poll(&mut self, now: Time<DroneClock>, new: bool, checkpoints: &CheckpointStore) {
+    fn poll(&mut self, now: DroneTime, new: bool, checkpoints: &CheckpointStore) {
         self.unwritten |= new;
         if !self.unwritten || !self.due.is_due_spaced(now, FILE_PERIOD) {
             return;
@@ -149,7 +149,7 @@ struct LastingFile {
 
 impl LastingFile {
     /// None if the thread that writes the file cannot be started.
-    fn open(path: PathBuf, now: Time<DroneClock>, checkpoints: &mut CheckpointStore) -> Option<LastingFile> {
+    fn open(path: PathBuf, now: DroneTime, checkpoints: &mut CheckpointStore) -> Option<LastingFile> {
         let at = path.display();
         let found = match read(&path) {
             Ok(found) => found.unwrap_or_default(),
@@ -181,7 +181,7 @@ impl LastingFile {
             }
         }
     }
-    fn poll(&mut self, now: Time<DroneClock>, new: bool, checkpoints: &CheckpointStore) {
+    fn poll(&mut self, now: DroneTime, new: bool, checkpoints: &CheckpointStore) {
         self.unwritten |= new;
         if !self.unwritten || !self.due.is_due_spaced(now, LASTING_PERIOD) {
             return;
@@ -200,11 +200,13 @@ impl LastingFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
     use alight_shared::msg::{Header, LinkCheckpoint, MissionCheckpoint};
+    use alight_shared::time::Time;
 
     #[test]
     fn lasting_file_of_a_sortie() {
-        let path = std::env::temp_dir().join(format!("alight-lasting-{}.flight", std::process::id()));
+        let path = scratch("lasting").with_extension("flight");
         let found = || {
             let mut checkpoints = CheckpointStore::default();
             let file = LastingFile::open(path.clone(), Time::from_secs(1.0), &mut checkpoints).unwrap();
@@ -258,7 +260,7 @@ mod tests {
     #[test]
     fn checkpoint_file_of_a_crashed_supervisor() {
         let now = Time::from_secs(10.0);
-        let path = std::env::temp_dir().join(format!("alight-checkpoints-{}", std::process::id()));
+        let path = scratch("checkpoints");
         let file = || CheckpointFile::open(path.clone()).unwrap();
         let restored = || {
             let mut checkpoints = CheckpointStore::default();

@@ -44,7 +44,8 @@ impl Facts {
         }
     }
     pub fn vessel(computer: &VesselComputerConfig) -> Facts {
-        let (radio, sources) = (&computer.radio, &computer.sensor.sources);
+        let radio = &computer.radio;
+        let sources = &computer.sensor.sources;
         let vessel = VesselReport {
             listen: Names::of(&radio.listen),
             connect: Names::of(&radio.connect),

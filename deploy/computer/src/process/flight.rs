@@ -203,13 +203,15 @@ impl FlightLog {
         now_ns >= self.due_ns || (self.changed && now_ns >= self.due_ns - SUMMARY_PERIOD_NS + 500_000_000)
     }
     fn written(&mut self, now_ns: i64) {
-        (self.changed, self.due_ns) = (false, now_ns + SUMMARY_PERIOD_NS);
+        self.changed = false;
+        self.due_ns = now_ns + SUMMARY_PERIOD_NS;
     }
     fn summary(&mut self, now_ns: i64, ended: bool) -> &FlightSummary {
         for who in self.states.keys().copied().collect::<Vec<_>>() {
             self.count_time(now_ns, who);
         }
-        (self.summary.length_s, self.summary.ended) = (self.t_s(now_ns), ended);
+        self.summary.length_s = self.t_s(now_ns);
+        self.summary.ended = ended;
         &self.summary
     }
 }
@@ -289,7 +291,8 @@ mod tests {
     fn flight_summary_of_a_vessel() {
         let mut log = FlightLog::of("vessel-1", 0);
         for drone in 0..1000 {
-            let (entered, waiting) = (reason(ReasonCode::Touchdown), Reason::default());
+            let entered = reason(ReasonCode::Touchdown);
+            let waiting = Reason::default();
             log.state(0, Some(drone), State::Flare, entered, waiting);
             log.state(S, Some(drone), State::Landed, entered, waiting);
         }

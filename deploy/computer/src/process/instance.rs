@@ -133,6 +133,7 @@ pub fn is_running(instance: &Instance) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
 
     #[test]
     fn instance_ownership() {
@@ -155,7 +156,7 @@ mod tests {
     fn instance_with_files_of_a_killed_owner() {
         let name = format!("test-left-{}", std::process::id());
         let directory = Instance::new(&name).unwrap().directory();
-        let elsewhere = std::env::temp_dir().join(format!("alight-elsewhere-{}", std::process::id()));
+        let elsewhere = scratch("elsewhere");
         std::fs::create_dir_all(directory.join("log/old")).unwrap();
         std::fs::write(directory.join("pilot.err"), "an old complaint").unwrap();
         std::fs::write(directory.join(READY_FILE), std::process::id().to_string()).unwrap();

@@ -89,7 +89,9 @@ mod tests {
     fn late_steps_for_two_minutes() {
         let ns = |s: f64| (s * 1e9) as i64;
         let mut l = Lateness::of(ProcessKind::Pilot, 0);
-        (0..100).for_each(|k| l.step(ns(0.01 * f64::from(k))));
+        for k in 0..100 {
+            l.step(ns(0.01 * f64::from(k)));
+        }
         assert!(l.metrics().is_empty());
         l.step(ns(1.4));
         let state = |l: &Lateness| ProcessState {
@@ -97,7 +99,8 @@ mod tests {
             metrics: alight_shared::msg::Seq::filled(l.metrics()),
             ..ProcessState::default()
         };
-        let (pilot, mut mission) = (state(&l), state(&l));
+        let pilot = state(&l);
+        let mut mission = state(&l);
         let text = finding([&pilot]).unwrap();
         assert!(
             text.contains("pilot missed its deadline") && text.contains("two minutes: 1)"),

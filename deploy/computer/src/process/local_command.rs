@@ -13,7 +13,8 @@ pub fn give(
     kind: CommandKind,
     now: Time<SteadyClock>,
 ) -> Retransmission<SteadyClock, Command> {
-    let (vessel, drone) = (computer.bridge.vessel_id, computer.bridge.drone_id);
+    let vessel = computer.bridge.vessel_id;
+    let drone = computer.bridge.drone_id;
     let at = computer.clock.read(now.nanos());
     let header = Header::new(vessel, drone, draw_boot(), 1, at);
     Retransmission::new(Command { header, kind }, now, topics::LOCAL_RETRIES)

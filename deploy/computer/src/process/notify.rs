@@ -69,6 +69,7 @@ impl Notify {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
 
     fn received(socket: &UnixDatagram) -> String {
         let mut buffer = [0; 512];
@@ -78,7 +79,7 @@ mod tests {
 
     #[test]
     fn service_notifications() {
-        let path = std::env::temp_dir().join(format!("alight-notify-{}", std::process::id()));
+        let path = scratch("notify");
         let _none = std::fs::remove_file(&path);
         let by_path = UnixDatagram::bind(&path).unwrap();
         let name = format!("alight-notify-{}", std::process::id());

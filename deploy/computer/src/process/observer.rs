@@ -49,7 +49,9 @@ impl Observer {
         })
     }
     pub fn poll(&mut self) {
-        let (now, snapshot, of) = (steady_ns(), &mut self.snapshot, &mut self.reports);
+        let now = steady_ns();
+        let snapshot = &mut self.snapshot;
+        let of = &mut self.reports;
         for state in of.processes.all(now) {
             snapshot.processes.insert(state.kind, state);
         }

@@ -30,7 +30,8 @@ impl RadioPort {
             let all = RadioTopic::ALL.iter().copied();
             all.filter(|t| is_it(t.row()) == own).collect()
         };
-        let (sent, read) = (of(|row| row.from), of(|row| row.to));
+        let sent = of(|row| row.from);
+        let read = of(|row| row.to);
         let publication = |row: RadioRow| {
             let publication = Publication::new(key(row), row.urgency).of(row.topic);
             if row.held { publication.held() } else { publication }
@@ -67,7 +68,9 @@ impl RadioPort {
         messages: impl IntoIterator<Item = &'a M>,
     ) {
         let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
-        encoded.for_each(|bytes| self.put(topic, bytes, false));
+        for bytes in encoded {
+            self.put(topic, bytes, false);
+        }
     }
     /// Sends an encoded message; if `held`, it is kept for peers that join later.
     pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {

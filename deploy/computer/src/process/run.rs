@@ -129,7 +129,8 @@ impl<N: Wired> Process<N> {
 
     /// Makes a step if one is due, lets the edge act on it, and reports.
     fn round(&mut self, edge: &mut impl ProcessEdge<N>, due: bool) {
-        let (clock, last) = (self.clock, &mut self.last);
+        let clock = self.clock;
+        let last = &mut self.last;
         // Time never runs backwards.
         let mut now = || {
             *last = (*last).max(clock.now());

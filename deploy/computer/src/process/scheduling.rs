@@ -90,6 +90,8 @@ pub fn real_time_permitted() -> bool {
 pub fn keep_to(processors: &[u16]) -> bool {
     let mut set = CpuSet::new();
     let there = processors.iter().map(|p| usize::from(*p));
-    there.filter(|p| *p < CpuSet::MAX_CPU).for_each(|p| set.set(p));
+    for p in there.filter(|p| *p < CpuSet::MAX_CPU) {
+        set.set(p);
+    }
     sched_setaffinity(None, &set).is_ok()
 }

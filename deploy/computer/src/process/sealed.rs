@@ -189,6 +189,7 @@ fn write(copy: &Path, text: &str) -> io::Result<()> {
 mod tests {
     use super::*;
     use crate::config::DroneComputerConfig;
+    use crate::scratch::scratch;
 
     fn number(path: &Path) -> u32 {
         let computer: DroneComputerConfig = config::load(path).unwrap();
@@ -197,7 +198,7 @@ mod tests {
 
     #[test]
     fn configuration_edited_in_flight() {
-        let directory = std::env::temp_dir().join(format!("alight-sealed-{}", std::process::id()));
+        let directory = scratch("sealed");
         fs::create_dir_all(&directory).unwrap();
         let origin = directory.join("drone.toml");
         let edit = |text: &str| fs::write(&origin, text).unwrap();
@@ -238,9 +239,10 @@ mod tests {
 
     #[test]
     fn zenoh_file_edited_in_flight() {
-        let directory = std::env::temp_dir().join(format!("alight-sealed-zenoh-{}", std::process::id()));
+        let directory = scratch("sealed-zenoh");
         fs::create_dir_all(&directory).unwrap();
-        let (origin, zenoh) = (directory.join("drone.toml"), directory.join("zenoh.json5"));
+        let origin = directory.join("drone.toml");
+        let zenoh = directory.join("zenoh.json5");
         let text = format!(
             "[radio]\nconnect = [\"udp/192.168.7.1:7447\"]\nzenoh = {:?}\n",
             zenoh.display().to_string()

@@ -76,7 +76,8 @@ impl Child {
     fn on_exit(&mut self, now: Time<SteadyClock>) {
         self.was_running = false;
         if now - self.started > STABLE_RUN {
-            (self.backoff, self.failures) = (Span::ZERO, 0);
+            self.backoff = Span::ZERO;
+            self.failures = 0;
         }
         self.failures = self.failures.saturating_add(1);
         self.due = now + self.backoff;
@@ -107,7 +108,9 @@ impl Child {
             if needed && limits.max_failures.is_some_and(|most| self.failures >= most) {
                 return Some(SupervisorAction::GiveUp(self.kind));
             }
-            (self.started, self.was_running, self.ready) = (now, true, None);
+            self.started = now;
+            self.was_running = true;
+            self.ready = None;
             self.starts = self.starts.saturating_add(1);
             return Some(SupervisorAction::Start(self.kind));
         }

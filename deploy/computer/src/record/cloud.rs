@@ -91,9 +91,9 @@ impl Points {
 pub fn deck(timestamp: Timestamp, deck: &DeckGeometry) -> PointCloud {
     let mut points = Points::default();
     points.rectangle([0.0; 3], [deck.length_m, deck.width_m], ORANGE);
-    deck.tags()
-        .iter()
-        .for_each(|tag| points.rectangle(tag.centre_m, [tag.side_m; 2], WHITE));
+    for tag in deck.tags().iter() {
+        points.rectangle(tag.centre_m, [tag.side_m; 2], WHITE);
+    }
     points.line([0.0; 3], [0.5 * deck.length_m, 0.0, 0.0], WHITE);
     points.cloud(timestamp, frame::DECK)
 }

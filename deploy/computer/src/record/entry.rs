@@ -149,9 +149,10 @@ impl Computed {
     }
     pub fn fill(&mut self, part: &mut dyn Any, references: References) -> Result<(), Missing> {
         if let Some(slot) = part.downcast_mut::<Option<DroneState>>() {
-            match references.drone {
-                true => *slot = Some(self.drone.ok_or(Missing)?),
-                false => self.drone = slot.or(self.drone),
+            if references.drone {
+                *slot = Some(self.drone.ok_or(Missing)?)
+            } else {
+                self.drone = slot.or(self.drone)
             }
         } else if let (Some(id), Some(slot)) = (references.forecast, part.downcast_mut()) {
             *slot = Some(find(&self.forecasts, |f| &f.header, id)?);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use alight_shared::config::{self, Check};
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, TrueTime, WorldTime};
 use alight_shared::wire::WireError;
 use alight_transport::clock::ProcessClock;
 use serde::Deserialize;
@@ -134,7 +134,7 @@ impl Log {
     pub fn utc_ahead(&self) -> Result<Span, CliError> {
         for start in self.starts.iter().filter(|s| s.rank().is_some()) {
             if let Some(step) = Steps::of(&start.files)?.peek() {
-                let utc: Time<TrueTime> = Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(0));
+                let utc: WorldTime = Time::from_nanos(i64::try_from(step.log_ns).unwrap_or(0));
                 return Ok(utc - start.clock().steady::<TrueTime>(step.now_ns()));
             }
         }
@@ -149,7 +149,7 @@ impl Log {
     pub fn steps(
         &self,
         order: ReplayOrder,
-        mut each: impl FnMut(usize, Time<TrueTime>, &LogStep<'_>) -> Result<(), WireError>,
+        mut each: impl FnMut(usize, WorldTime, &LogStep<'_>) -> Result<(), WireError>,
     ) -> Result<(), CliError> {
         let all: Vec<&ProcessStart> = self.starts.iter().collect();
         let groups: Vec<&[&ProcessStart]> = match order {
@@ -170,7 +170,8 @@ impl Log {
                     && let Some(at) = self.starts.iter().position(|s| s.is_of(step.header))
                 {
                     each(at, t, &step).map_err(|e| {
-                        let (origin, process) = (self.path.display(), &step.header.process);
+                        let origin = self.path.display();
+                        let process = &step.header.process;
                         CliError(format!(
                             "{origin}: the step of `{process}` at {:.2} s: {e}",
                             t.secs()
@@ -240,7 +241,8 @@ impl Steps {
             let Some(path) = self.waiting.pop_front() else {
                 break;
             };
-            (self.file, self.at) = (Some(LogFile::open(&path)?), 0);
+            self.file = Some(LogFile::open(&path)?);
+            self.at = 0;
         }
         Ok(())
     }
@@ -252,7 +254,7 @@ struct Source {
     clock: Option<ProcessClock>,
     rank: Option<usize>,
     /// Time of the next step, and its rank among equal times.
-    due: Option<(Time<TrueTime>, Option<usize>)>,
+    due: Option<(WorldTime, Option<usize>)>,
 }
 
 impl Source {

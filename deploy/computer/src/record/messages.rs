@@ -6,7 +6,7 @@ use alight_shared::msg::{
     SensorReadings, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
 };
 use alight_shared::step::Step;
-use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::time::{DroneClock, DroneTime, Time, VesselClock};
 use alight_uav::mission::{MissionIn, MissionOut};
 use alight_uav::pilot::{PilotIn, PilotOut, Touchdown};
 use alight_uav::planner::PlannerOut;
@@ -34,9 +34,9 @@ pub enum Message<'a> {
     Command(&'a Command),
     Autopilot(&'a AutopilotState),
     Mission(&'a MissionState),
-    Plan(Time<DroneClock>, &'a Plan),
+    Plan(DroneTime, &'a Plan),
     FlownPlan(&'a Plan),
-    SetPoint(Time<DroneClock>, &'a SetPoint),
+    SetPoint(DroneTime, &'a SetPoint),
     Touchdown(&'a Touchdown),
 }
 
@@ -45,37 +45,72 @@ pub enum Message<'a> {
 pub fn each_message(step: &Step<'_>, each: &mut dyn FnMut(Message<'_>)) {
     let now = Time::from_nanos(step.now_ns);
     if let (Some(i), Some(o)) = (step.input::<ComputerIn>(), step.output::<ComputerOut>()) {
-        i.sensors.iter().for_each(|m| each(Message::Sensors(m)));
-        o.vessel
-            .estimate
-            .iter()
-            .for_each(|m| each(Message::OwnEstimate(m)));
-        o.vessel.wave.iter().for_each(|m| each(Message::OwnWave(m)));
+        for m in &i.sensors {
+            each(Message::Sensors(m));
+        }
+        if let Some(m) = &o.vessel.estimate {
+            each(Message::OwnEstimate(m));
+        }
+        if let Some(m) = &o.vessel.wave {
+            each(Message::OwnWave(m));
+        }
     }
     if let Some(o) = step.output::<BridgeOut>() {
-        o.estimate.iter().for_each(|m| each(Message::Estimate(m)));
-        o.wave.iter().for_each(|m| each(Message::Wave(m)));
-        o.deck.iter().for_each(|m| each(Message::Deck(m)));
-        o.link.iter().for_each(|m| each(Message::Link(m)));
+        if let Some(m) = &o.estimate {
+            each(Message::Estimate(m));
+        }
+        if let Some(m) = &o.wave {
+            each(Message::Wave(m));
+        }
+        if let Some(m) = &o.deck {
+            each(Message::Deck(m));
+        }
+        if let Some(m) = &o.link {
+            each(Message::Link(m));
+        }
     }
     if let (Some(i), Some(o)) = (step.input::<PredictorIn>(), step.output::<PredictorOut>()) {
-        i.tags.iter().for_each(|m| each(Message::Tag(m)));
-        i.uvdar.iter().for_each(|m| each(Message::Uvdar(m)));
-        i.ranges.iter().for_each(|m| each(Message::Range(m)));
-        o.forecast.iter().for_each(|m| each(Message::Forecast(m)));
-        i.drone.iter().for_each(|m| each(Message::Drone(m)));
+        for m in &i.tags {
+            each(Message::Tag(m));
+        }
+        for m in &i.uvdar {
+            each(Message::Uvdar(m));
+        }
+        for m in &i.ranges {
+            each(Message::Range(m));
+        }
+        if let Some(m) = &o.forecast {
+            each(Message::Forecast(m));
+        }
+        if let Some(m) = &i.drone {
+            each(Message::Drone(m));
+        }
     }
     if let (Some(i), Some(o)) = (step.input::<MissionIn>(), step.output::<MissionOut>()) {
-        i.commands.iter().for_each(|m| each(Message::Command(m)));
-        i.autopilot.iter().for_each(|m| each(Message::Autopilot(m)));
-        o.state.iter().for_each(|m| each(Message::Mission(m)));
+        for m in &i.commands {
+            each(Message::Command(m));
+        }
+        if let Some(m) = &i.autopilot {
+            each(Message::Autopilot(m));
+        }
+        if let Some(m) = &o.state {
+            each(Message::Mission(m));
+        }
     }
-    if let Some(o) = step.output::<PlannerOut>() {
-        o.plan.iter().for_each(|m| each(Message::Plan(now, m)));
+    if let Some(o) = step.output::<PlannerOut>()
+        && let Some(m) = &o.plan
+    {
+        each(Message::Plan(now, m));
     }
     if let (Some(i), Some(o)) = (step.input::<PilotIn>(), step.output::<PilotOut>()) {
-        i.plan.iter().for_each(|m| each(Message::FlownPlan(m)));
-        o.touchdown.iter().for_each(|m| each(Message::Touchdown(m)));
-        o.set_point.iter().for_each(|m| each(Message::SetPoint(now, m)));
+        if let Some(m) = &i.plan {
+            each(Message::FlownPlan(m));
+        }
+        if let Some(m) = &o.touchdown {
+            each(Message::Touchdown(m));
+        }
+        if let Some(m) = &o.set_point {
+            each(Message::SetPoint(now, m));
+        }
     }
 }

@@ -45,10 +45,12 @@ pub const BASELINE_FILE: &str = "baseline.toml";
 
 /// Topic of the steps of a start; a restarted process has a separate topic, so `before` lists the earlier starts.
 fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeader>) -> String {
-    let (process, boot) = (&header.process, header.boot);
-    match before.any(|h| h.process == *process) {
-        true => format!("/node/{process}/{boot:08x}"),
-        false => format!("/node/{process}"),
+    let process = &header.process;
+    let boot = header.boot;
+    if before.any(|h| h.process == *process) {
+        format!("/node/{process}/{boot:08x}")
+    } else {
+        format!("/node/{process}")
     }
 }
 

@@ -92,12 +92,13 @@ impl LogBeginning {
     }
     /// An error if the file was cut off before its first step.
     pub fn begun(self, path: &Path) -> Result<LogBeginning, CliError> {
-        match self.is_cut {
-            true => Err(CliError(format!(
+        if self.is_cut {
+            Err(CliError(format!(
                 "reading {}: it was cut off before its first step",
                 path.display()
-            ))),
-            false => Ok(self),
+            )))
+        } else {
+            Ok(self)
         }
     }
     /// Reads the beginning from `file`, which holds all bytes of the file, or its first bytes if `goes_on`.
@@ -251,7 +252,8 @@ impl LogFile {
         Ok(cut)
     }
     fn take_chunk(&mut self, chunk: &[u8], channels: &mut BTreeMap<u16, usize>) -> Result<(), String> {
-        let (marks, bytes) = (self.marks.len(), self.bytes.len());
+        let marks = self.marks.len();
+        let bytes = self.bytes.len();
         let mut take = || -> Result<(), String> {
             let mut reader = chunk_reader(chunk);
             while let Some(event) = reader.next_event() {
@@ -332,7 +334,8 @@ pub fn is_mcap(path: &Path) -> bool {
 pub fn is_whole(path: &Path) -> bool {
     use std::io::{Seek, SeekFrom};
     let end = || -> std::io::Result<[u8; 8]> {
-        let (mut file, mut end) = (File::open(path)?, [0; 8]);
+        let mut file = File::open(path)?;
+        let mut end = [0; 8];
         file.seek(SeekFrom::End(-8))?;
         file.read_exact(&mut end)?;
         Ok(end)

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_shared::wire::WireError;
 use mcap::McapError;
 
@@ -45,7 +45,8 @@ impl Recorder {
             for (name, text) in &about.texts {
                 sink.attach(name, text)?;
             }
-            let (views, more) = (Views::new(&mut sink)?, more(&mut sink)?);
+            let views = Views::new(&mut sink)?;
+            let more = more(&mut sink)?;
             let recorder = Recorder {
                 sink,
                 views,
@@ -76,8 +77,10 @@ impl Recorder {
         let begun = Sink::create(path).map(drop);
         begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    fn entry(&mut self, channel: ChannelId, t: Time<TrueTime>, step: &Step<'_>) -> Result<(), WireError> {
-        let (mut references, newest, written) = (References::default(), &mut self.newest, &self.written);
+    fn entry(&mut self, channel: ChannelId, t: WorldTime, step: &Step<'_>) -> Result<(), WireError> {
+        let mut references = References::default();
+        let newest = &mut self.newest;
+        let written = &self.written;
         if self.foreign_plans && step.process == ProcessKind::Planner {
             return self.sink.message(channel, stamp(t), |to| {
                 entry::append(to, step.now_ns, (step.output, references, step.output))
@@ -102,7 +105,7 @@ impl Recorder {
 }
 
 impl StepObserver for Recorder {
-    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, t: WorldTime, step: &Step<'_>) {
         if let Some(channel) = self.channel(step.process.name(), step.boot)
             && let Err(e) = self.entry(channel, t, step)
         {
@@ -113,7 +116,7 @@ impl StepObserver for Recorder {
             self.views.message(&mut self.sink, t, &message)
         });
     }
-    fn recorded(&mut self, t: Time<TrueTime>, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
+    fn recorded(&mut self, t: WorldTime, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
         match self.channel(&of.process, of.boot) {
             Some(channel) => self.sink.message(channel, stamp(t), |to| {
                 to.extend_from_slice(entry);

@@ -3,7 +3,7 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 use alight_shared::msg::{DeckForecast, DroneState};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -65,7 +65,7 @@ impl Scenery {
         &mut self,
         sink: &mut impl TakeMessages,
         views: &Views,
-        t: Time<TrueTime>,
+        t: WorldTime,
         forecast: Option<&DeckForecast>,
         drone: Option<&DroneState>,
     ) {
@@ -79,7 +79,7 @@ impl Scenery {
         &mut self,
         sink: &mut impl TakeMessages,
         views: &Views,
-        t: Time<TrueTime>,
+        t: WorldTime,
         vessel: Option<Placed>,
         drone: Option<Placed>,
     ) {

@@ -53,7 +53,8 @@ pub fn scene(timestamp: Timestamp, deck: &DeckGeometry, airframe: &DroneGeometry
 
 /// Two hulls under the deck, for display only.
 fn hulls(deck: &DeckGeometry) -> Vec<CubePrimitive> {
-    let (length, side) = (1.9 * deck.length_m, 0.7 * deck.width_m);
+    let length = 1.9 * deck.length_m;
+    let side = 0.7 * deck.width_m;
     let grey = color(0.75, 0.77, 0.8, 1.0);
     vec![
         cube([0.0, -side, 0.0], [length, 0.4, 0.5], grey),
@@ -74,7 +75,8 @@ fn deck_cubes(deck: &DeckGeometry) -> Vec<CubePrimitive> {
     );
     let tags = deck.tags();
     let tags = tags.iter().flat_map(|tag| {
-        let (side, [x, y, z]) = (tag.side_m, tag.centre_m);
+        let side = tag.side_m;
+        let [x, y, z] = tag.centre_m;
         [
             cube(
                 [x, y, z - 0.005],

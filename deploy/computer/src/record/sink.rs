@@ -155,10 +155,8 @@ impl Sink {
 
 impl OpenChannels for Sink {
     fn protobuf(&mut self, topic: &str, schema: (&str, &[u8])) -> Result<ChannelId, McapError> {
-        let (id, none) = (
-            self.writer.add_schema(schema.0, "protobuf", schema.1)?,
-            BTreeMap::new(),
-        );
+        let id = self.writer.add_schema(schema.0, "protobuf", schema.1)?;
+        let none = BTreeMap::new();
         Ok(ChannelId(self.writer.add_channel(id, topic, "protobuf", &none)?))
     }
 }

@@ -4,7 +4,7 @@ use alight_shared::msg::{
     AutopilotState, DeckForecast, DeckStage, DroneState, LinkState, MissionState, Motors, Plan, ReasonCode,
     SLOPE_STEP, SensorReadings, SetPoint, SetPointKind, State, VesselEstimate, WaveMode, WaveModel,
 };
-use alight_shared::time::{Clock, DroneClock, Span, Time, TrueTime};
+use alight_shared::time::{Clock, DroneTime, Span, Time, WorldTime};
 use alight_shared::vessel_model::{HEAVE, Mode, PITCH, ROLL};
 use foxglove::Encode;
 use foxglove::messages::{
@@ -33,28 +33,28 @@ impl<M: Encode> ViewTopic<M> {
         let channel = opening.protobuf(name, (&schema.name, &schema.data))?;
         Ok(ViewTopic(channel, PhantomData))
     }
-    pub fn put(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &M) {
+    pub fn put(&self, sink: &mut impl TakeMessages, t: WorldTime, message: &M) {
         // A vector grows, so the encoding cannot run out of space.
         let _encoded = sink.message(self.0, stamp(t), |to| message.encode(to));
     }
 }
 
-pub fn stamp(t: Time<TrueTime>) -> u64 {
+pub fn stamp(t: WorldTime) -> u64 {
     u64::try_from(t.nanos()).unwrap_or_default()
 }
 
-pub fn timestamp(t: Time<TrueTime>) -> Timestamp {
+pub fn timestamp(t: WorldTime) -> Timestamp {
     let ns = stamp(t);
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
     Timestamp::new_checked(seconds, (ns % 1_000_000_000) as u32).unwrap_or(Timestamp::MAX)
 }
 
-pub fn due(t: Time<TrueTime>, period_ms: i64) -> bool {
+pub fn due(t: WorldTime, period_ms: i64) -> bool {
     t.nanos() % (period_ms * 1_000_000) == 0
 }
 
 pub fn transform(
-    t: Time<TrueTime>,
+    t: WorldTime,
     parent: &str,
     child: &str,
     at: [f64; 3],
@@ -71,12 +71,12 @@ pub fn transform(
 
 /// Limits a rate to one message per period, independent of a time grid.
 struct Throttle {
-    last: Time<TrueTime>,
+    last: WorldTime,
 }
 
 impl Throttle {
     const NEW: Throttle = Throttle { last: Time::EPOCH };
-    fn passes(&mut self, t: Time<TrueTime>) -> bool {
+    fn passes(&mut self, t: WorldTime) -> bool {
         let passes = (t - self.last).nanos() >= SLOW_MS * 1_000_000;
         if passes {
             self.last = t;
@@ -114,7 +114,7 @@ pub struct Views {
     pub true_drone: Option<[f64; 3]>,
     drone: Option<DroneState>,
     shown_state: Option<(State, ReasonCode)>,
-    plan_at: Option<Time<DroneClock>>,
+    plan_at: Option<DroneTime>,
     plans: Throttle,
     estimates: Throttle,
     forecasts: Throttle,
@@ -157,7 +157,7 @@ impl Views {
     }
 
     /// Whether attitudes and positions are due; the period is longer before the drone appears.
-    pub fn fast(&self, t: Time<TrueTime>) -> bool {
+    pub fn fast(&self, t: WorldTime) -> bool {
         due(
             t,
             if self.true_drone.is_some() {
@@ -169,7 +169,7 @@ impl Views {
     }
 
     /// Shows a message at `t`, except the odometry of a received vessel, whose origin is a position of the vessel.
-    pub fn message(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, message: &Message<'_>) {
+    pub fn message(&mut self, sink: &mut impl TakeMessages, t: WorldTime, message: &Message<'_>) {
         match *message {
             Message::Sensors(m) => self.sensors(sink, t, m),
             Message::OwnEstimate(m) => {
@@ -239,7 +239,7 @@ impl Views {
         }
     }
 
-    fn sensors(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &SensorReadings) {
+    fn sensors(&mut self, sink: &mut impl TakeMessages, t: WorldTime, m: &SensorReadings) {
         if let (true, Some(imu)) = (self.fast(t), m.imu.last()) {
             let view = schema::Imu {
                 gyro_radps: imu.gyro,
@@ -265,9 +265,9 @@ impl Views {
         }
     }
 
-    fn estimate<C: Clock>(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, e: &VesselEstimate<C>) {
+    fn estimate<C: Clock>(&self, sink: &mut impl TakeMessages, t: WorldTime, e: &VesselEstimate<C>) {
         let dot = e.eta_dot.map(f64::from);
-        let [variance, variance_dot] = [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]));
+        let [variance, variance_dot] = variances(e);
         let [_, _, _, roll, pitch, yaw] = e.eta;
         let view = schema::VesselEstimate {
             eta: e.eta,
@@ -282,14 +282,9 @@ impl Views {
         self.estimate.put(sink, t, &view);
     }
 
-    fn vessel_odometry<C: Clock>(
-        &self,
-        sink: &mut impl TakeMessages,
-        t: Time<TrueTime>,
-        e: &VesselEstimate<C>,
-    ) {
+    fn vessel_odometry<C: Clock>(&self, sink: &mut impl TakeMessages, t: WorldTime, e: &VesselEstimate<C>) {
         let dot = e.eta_dot.map(f64::from);
-        let [variance, variance_dot] = [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]));
+        let [variance, variance_dot] = variances(e);
         let [x, y, z, roll, pitch, yaw] = e.eta;
         let q = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let velocity = q.inverse() * Vector3::new(dot[0], dot[1], dot[2]);
@@ -307,7 +302,7 @@ impl Views {
         self.vessel_place.put(sink, t, &odometry);
     }
 
-    fn link(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, l: &LinkState) {
+    fn link(&self, sink: &mut impl TakeMessages, t: WorldTime, l: &LinkState) {
         let view = schema::Link {
             clock_offset_s: l.clock_offset_s,
             clock_offset_sd_s: l.clock_offset_sd_s,
@@ -321,7 +316,7 @@ impl Views {
         self.link.put(sink, t, &view);
     }
 
-    fn forecast(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, f: &DeckForecast) {
+    fn forecast(&mut self, sink: &mut impl TakeMessages, t: WorldTime, f: &DeckForecast) {
         // A throttle, not a time grid, because the forecast comes on the predictor's ticks.
         if !self.forecasts.passes(t) {
             return;
@@ -338,9 +333,10 @@ impl Views {
         self.forecast.put(sink, t, &forecast(f));
     }
 
-    fn odometry(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, d: &DroneState) {
+    fn odometry(&self, sink: &mut impl TakeMessages, t: WorldTime, d: &DroneState) {
         let square = |sd: [f64; 3]| sd.map(|s| s * s);
-        let ([a, b, c], [e, f, g]) = (square(d.position_sd), square(d.euler_sd));
+        let [a, b, c] = square(d.position_sd);
+        let [e, f, g] = square(d.euler_sd);
         let [h, i, j] = square(d.velocity_sd);
         let q = d.attitude();
         let odometry = Odometry {
@@ -364,7 +360,7 @@ impl Views {
         }
     }
 
-    fn autopilot(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, a: &AutopilotState) {
+    fn autopilot(&self, sink: &mut impl TakeMessages, t: WorldTime, a: &AutopilotState) {
         let view = schema::Autopilot {
             mode: format!("{:?}", a.mode),
             armed: a.armed,
@@ -381,11 +377,12 @@ impl Views {
     }
 
     /// Shows the mission's state, with a log line when state or reason changes.
-    fn mission(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, m: &MissionState) {
+    fn mission(&mut self, sink: &mut impl TakeMessages, t: WorldTime, m: &MissionState) {
         let now = Some((m.state, m.waiting.code));
         let entered = self.shown_state.map(|s| s.0) != Some(m.state);
         if entered || self.shown_state != now || due(t, SLOW_MS) {
-            let (because, waiting) = (m.entered.to_string(), m.waiting.to_string());
+            let because = m.entered.to_string();
+            let waiting = m.waiting.to_string();
             if entered {
                 let level = if m.state == State::GaveUp {
                     log::Level::Error
@@ -418,7 +415,7 @@ impl Views {
         self.shown_state = now;
     }
 
-    fn line(&self, sink: &mut impl TakeMessages, t: Time<TrueTime>, level: log::Level, message: String) {
+    fn line(&self, sink: &mut impl TakeMessages, t: WorldTime, level: log::Level, message: String) {
         let line = Log {
             timestamp: Some(timestamp(t)),
             level: level.into(),
@@ -429,7 +426,7 @@ impl Views {
         self.log.put(sink, t, &line);
     }
 
-    fn plan(&mut self, sink: &mut impl TakeMessages, t: Time<TrueTime>, now: Time<DroneClock>, plan: &Plan) {
+    fn plan(&mut self, sink: &mut impl TakeMessages, t: WorldTime, now: DroneTime, plan: &Plan) {
         if !self.plans.passes(t) {
             return;
         }
@@ -445,13 +442,7 @@ impl Views {
         self.plan_path.put(sink, t, &path);
     }
 
-    fn set_point(
-        &self,
-        sink: &mut impl TakeMessages,
-        t: Time<TrueTime>,
-        now: Time<DroneClock>,
-        s: &SetPoint,
-    ) {
+    fn set_point(&self, sink: &mut impl TakeMessages, t: WorldTime, now: DroneTime, s: &SetPoint) {
         if !self.fast(t) {
             return;
         }
@@ -481,6 +472,11 @@ impl Views {
     }
 }
 
+/// Variances of the degrees of freedom and of their rates.
+fn variances<C: Clock>(e: &VesselEstimate<C>) -> [[f64; 6]; 2] {
+    [0, 2].map(|k: usize| core::array::from_fn(|d| e.covariance(d)[k]))
+}
+
 fn wave<C: Clock>(w: &WaveModel<C>) -> schema::WaveModel {
     let of = |f: fn(&WaveMode) -> f32| w.modes.iter().map(|c| f64::from(f(c))).collect();
     let size = |dof: usize| w.modes.iter().map(|m| Mode::from(m).shape[dof].norm()).collect();
@@ -497,7 +493,8 @@ fn wave<C: Clock>(w: &WaveModel<C>) -> schema::WaveModel {
 }
 
 fn forecast(f: &DeckForecast) -> schema::Forecast {
-    let (now, ahead) = (f.stages.first(), f.at(f.header.at + Span::from_secs(1.0)));
+    let now = f.stages.first();
+    let ahead = f.at(f.header.at + Span::from_secs(1.0));
     let of = |stage: Option<&DeckStage>, sd: fn(&DeckStage) -> [f64; 3]| {
         stage.map_or_else(Vec::new, |s| sd(s).to_vec())
     };
@@ -521,7 +518,7 @@ fn forecast(f: &DeckForecast) -> schema::Forecast {
     }
 }
 
-fn solver(plan: &Plan, now: Time<DroneClock>) -> schema::Solver {
+fn solver(plan: &Plan, now: DroneTime) -> schema::Solver {
     schema::Solver {
         solve: format!("{:?}", plan.solve),
         iterations: plan.iterations,
@@ -535,7 +532,7 @@ fn stage_pose(position: [f64; 3], [roll, pitch, yaw]: [f64; 3]) -> Pose {
     pose(position, &UnitQuaternion::from_euler_angles(roll, pitch, yaw))
 }
 
-fn path(t: Time<TrueTime>, poses: impl Iterator<Item = Pose>) -> PosesInFrame {
+fn path(t: WorldTime, poses: impl Iterator<Item = Pose>) -> PosesInFrame {
     PosesInFrame {
         timestamp: Some(timestamp(t)),
         frame_id: frame::DRONE_NED.into(),

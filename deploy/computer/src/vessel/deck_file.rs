@@ -152,11 +152,11 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
+    use crate::scratch::scratch;
     use alight_usv::deck::{Claim, DroneClaim};
 
-    fn scratch(name: &str) -> PathBuf {
-        let directory = std::env::temp_dir().join(format!("alight-deck-{}-{name}", std::process::id()));
-        let _none = fs::remove_dir_all(&directory);
+    fn deck_file(name: &str) -> PathBuf {
+        let directory = scratch(&format!("deck-{name}"));
         fs::create_dir_all(&directory).unwrap();
         directory.join("vessel.deck")
     }
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn missing_deck_file() {
-        let path = scratch("missing");
+        let path = deck_file("missing");
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
         // The closed state is written at once, because the next start has no other information.
         assert_eq!(closed(&path), Some(Closure::CheckpointMissing));
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn unwritable_deck_file_at_start() {
-        let path = scratch("start");
+        let path = deck_file("start");
         replace(&path, &encode(1, &occupied()).unwrap(), true).unwrap();
         let blocked = block(&path);
         let (file, kept) = open(&path);
@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn unwritable_deck_file_after_a_landing() {
-        let path = scratch("landing");
+        let path = deck_file("landing");
         replace(&path, &encode(1, &VesselCheckpoint::default()).unwrap(), true).unwrap();
         let (mut file, kept) = open(&path);
         assert_eq!(kept.deck.closed, None);
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn deck_file_at_the_next_start() {
-        let path = scratch("newest");
+        let path = deck_file("newest");
         let (mut file, _) = open(&path);
         file.keep(VesselCheckpoint::default());
         file.keep(occupied());
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn damaged_deck_file() {
-        let path = scratch("damaged");
+        let path = deck_file("damaged");
         let whole = encode(1, &occupied()).unwrap();
         let mut flipped = whole.clone();
         flipped[whole.len() - 9] ^= 1;
@@ -276,7 +276,7 @@ mod tests {
 
     #[test]
     fn unwritable_deck_file_error() {
-        let path = scratch("blocked");
+        let path = deck_file("blocked");
         let blocked = path.join("vessel.deck");
         fs::write(&path, "a file in the place of the directory").unwrap();
         let (mut file, _) = open(&blocked);

@@ -105,11 +105,12 @@ impl InputFiles {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
     use std::fs;
 
     #[test]
     fn missing_deck_input() {
-        let path = std::env::temp_dir().join(format!("alight-inputs-{}", std::process::id()));
+        let path = scratch("inputs");
         fs::write(&path, "1\n").unwrap();
         let deck = DeckConfig {
             crew_switch: path.display().to_string(),

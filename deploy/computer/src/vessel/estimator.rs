@@ -8,7 +8,7 @@ use alight_shared::config;
 use alight_shared::metrics::{Metric, MetricName, MetricValue};
 use alight_shared::msg::{Header, MAX_SOURCES, VesselStatus};
 use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Time, VesselClock, VesselTime};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::Publisher;
 use alight_transport::radio::RadioCounts;
@@ -134,7 +134,8 @@ impl ProcessEdge<VesselComputer> for DeckEdge {
                 lamp: self.helm_lamp.error(),
             };
             self.header.at = at.now;
-            let (now, orders) = ((self.header, steady_ns()), node.orders_taken());
+            let now = (self.header, steady_ns());
+            let orders = node.orders_taken();
             let status = self.status.message(node, now, orders, &errors);
             self.statuses.send(&status);
         }
@@ -184,7 +185,7 @@ impl ForPeople {
             summary_ns: sources.then_some(now_ns + SOURCE_SUMMARY_PERIOD_NS),
         }
     }
-    fn show(&mut self, out: &ComputerOut, now: Time<VesselClock>, node: &VesselNode) {
+    fn show(&mut self, out: &ComputerOut, now: VesselTime, node: &VesselNode) {
         for event in &out.events {
             if event.is_warning() {
                 warn!("{event}");
@@ -229,7 +230,7 @@ fn metrics(
     radio: &VesselRadio,
     readings_missed: u64,
     people: &ForPeople,
-    now: Time<VesselClock>,
+    now: VesselTime,
 ) -> Vec<Metric> {
     let RadioCounts {
         sent_bytes, dropped, ..

@@ -66,7 +66,9 @@ impl Drop for HelmLamp {
 /// Shows the newest level until the sender ends, then switches the lamp off.
 fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
     let mut line = DigitalLine::new(path);
-    let (mut lit, mut ended, mut before) = (false, false, None);
+    let mut lit = false;
+    let mut ended = false;
+    let mut before = None;
     while !ended {
         let failed = line.write(lit).err();
         let failed = failed.map(|e| format!("deck.helm_lamp: {path}: {e}"));
@@ -90,11 +92,12 @@ fn drive(path: &str, levels: &Receiver<bool>, error: &Mutex<Option<String>>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
     use std::fs;
 
     #[test]
     fn helm_lamp_on_off_and_end() {
-        let path = std::env::temp_dir().join(format!("alight-lamp-{}", std::process::id()));
+        let path = scratch("lamp");
         let text = path.display().to_string();
         fs::write(&path, "1").unwrap();
         let mut lamp = HelmLamp::start(&text);

@@ -1,7 +1,7 @@
 use alight_shared::admission::{Arrival, Sender};
 use alight_shared::process::ProcessState;
 use alight_shared::radio::{RadioEnd, RadioTopic};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{VesselClock, VesselTime};
 use alight_shared::{topics, wire};
 use alight_transport::Received;
 use alight_transport::radio::RadioCounts;
@@ -63,7 +63,7 @@ impl VesselRadio {
         self.port.radio.arrival().await;
     }
     /// Adds the received packets to `input`; `at` converts the arrival time on the steady clock, ns.
-    pub fn receive(&mut self, at: impl Fn(i64) -> Time<VesselClock>, input: &mut ComputerIn) {
+    pub fn receive(&mut self, at: impl Fn(i64) -> VesselTime, input: &mut ComputerIn) {
         while let Some((topic, packet)) = self.port.receive() {
             let at = at(packet.at_ns);
             if topic == RadioTopic::TimeRequest {
@@ -106,7 +106,7 @@ impl VesselRadio {
 /// Decodes a message that arrived at `at`; counts an invalid one in `undecoded`.
 fn decode<M: DeserializeOwned>(
     packet: &Received,
-    at: Time<VesselClock>,
+    at: VesselTime,
     undecoded: &mut u64,
 ) -> Option<Arrival<VesselClock, M>> {
     let message = wire::decode(&packet.bytes).ok();

@@ -24,10 +24,9 @@ use crate::config::link_url::LinkUrl;
 use crate::exit::{CliError, Exit};
 use crate::io::byte_link::{ByteLink, MAX_AT_ONCE};
 use crate::io::byte_links::{ByteArrival, ByteLinks};
-use crate::io::mavlink_key;
 use crate::io::peer::Speaks;
-use crate::io::runtime;
 use crate::io::wakes::Wakes;
+use crate::io::{mavlink_key, runtime};
 use crate::process::args::ProcessArgs;
 use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
 

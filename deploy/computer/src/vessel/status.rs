@@ -4,7 +4,7 @@ use alight_shared::msg::{
     CourseAdvice, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES, MAX_ORDERS, Seq,
     SourceUse, VesselStatus,
 };
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{VesselClock, VesselTime};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
 const MOTION_PERIOD_NS: i64 = 90_000_000;
@@ -33,7 +33,8 @@ pub struct VesselStatusReport {
 impl VesselStatusReport {
     pub fn observe(&mut self, now_ns: i64, input: &ComputerIn, out: &ComputerOut) {
         self.occupied = out.grant.map_or(self.occupied, |g| g.occupied);
-        let (input, out) = (input.vessel().readings, &out.vessel);
+        let input = input.vessel().readings;
+        let out = &out.vessel;
         let arrived = [
             // An attitude sensor replaces a missing inertial sensor.
             !(input.imu.is_empty() && input.attitude.is_empty()),
@@ -73,10 +74,10 @@ impl VesselStatusReport {
         orders: Seq<u32, MAX_ORDERS>,
         errors: &CrewDeviceErrors,
     ) -> VesselStatus {
-        let (now, node) = (header.at, computer.node());
-        let (outliers, since) = (node.outliers(), |t: Option<i64>| {
-            t.map(|t| (now_ns - t).max(0) as f64 * 1e-9)
-        });
+        let now = header.at;
+        let node = computer.node();
+        let outliers = node.outliers();
+        let since = |t: Option<i64>| t.map(|t| (now_ns - t).max(0) as f64 * 1e-9);
         let estimator = EstimatorStatus {
             sensor_age_s: self.sensors_ns.map(since),
             estimate_age_s: since(self.estimated_ns),
@@ -139,7 +140,7 @@ fn source_use(node: &VesselNode, number: usize) -> SourceUse {
     all
 }
 
-fn deck(now: Time<VesselClock>, node: &alight_usv::VesselComputer, errors: &CrewDeviceErrors) -> DeckStatus {
+fn deck(now: VesselTime, node: &alight_usv::VesselComputer, errors: &CrewDeviceErrors) -> DeckStatus {
     let arbiter = node.arbiter();
     let line = |e: &String| Line::from(e.as_str());
     DeckStatus {

@@ -152,11 +152,15 @@ async fn messages_through_a_full_line_are_whole() {
     }
 }
 
-#[tokio::test]
-async fn tcp_link_reconnects_after_the_peer_closed() {
+async fn tcp_link() -> (tokio::net::TcpListener, ByteLink) {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
-    let mut link = ByteLink::new(url).await.unwrap();
+    (listener, ByteLink::new(url).await.unwrap())
+}
+
+#[tokio::test]
+async fn tcp_link_reconnects_after_the_peer_closed() {
+    let (listener, mut link) = tcp_link().await;
     for round in 1..=3 {
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
         other.try_write(b"hello").unwrap();
@@ -234,7 +238,8 @@ async fn signalk_server_that_is_restarted() {
 async fn link_backoff_doubles_up_to_a_bound() {
     let absent = LinkUrl::Serial("/nonexistent/tty".into(), 57600);
     let mut link = ByteLink::new(absent).await.unwrap();
-    let (mut tries, mut waited) = (Vec::new(), Duration::ZERO);
+    let mut tries = Vec::new();
+    let mut waited = Duration::ZERO;
     while waited < Duration::from_secs(20) {
         link.next_try = Instant::now();
         link.read(|_| {}).await;
@@ -249,9 +254,7 @@ async fn link_backoff_doubles_up_to_a_bound() {
 
 #[tokio::test]
 async fn link_that_opens_and_breaks_at_once() {
-    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
-    let url = LinkUrl::TcpOut(listener.local_addr().unwrap().to_string());
-    let mut link = ByteLink::new(url).await.unwrap();
+    let (listener, mut link) = tcp_link().await;
     for round in 0..4_u32 {
         link.next_try = Instant::now();
         let (other, _) = reading(&mut link, listener.accept()).await.unwrap();
@@ -290,7 +293,8 @@ async fn name_without_an_address_next_to_another_source() {
         let mut links = ByteLinks::start([(0, absent), (1, own)]);
         let sensor = UdpSocket::bind("127.0.0.1:0").unwrap();
         sensor.send_to(b"$HEHDT", at).unwrap();
-        let (mut why, mut bytes) = (None, Vec::new());
+        let mut why = None;
+        let mut bytes = Vec::new();
         while why.is_none() || bytes.is_empty() {
             let next = timeout(Duration::from_secs(20), links.next()).await.unwrap();
             match next.link {

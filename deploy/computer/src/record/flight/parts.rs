@@ -43,7 +43,8 @@ impl Batch {
         now_ns: i64,
         (input, output): (&dyn Recorded, &dyn Recorded),
     ) {
-        let (begin, whole) = (self.bytes.len(), References::default());
+        let begin = self.bytes.len();
+        let whole = References::default();
         if entry::append(&mut self.bytes, now_ns, (input, whole, output)).is_err() {
             return self.bytes.truncate(begin);
         }
@@ -179,7 +180,8 @@ impl Parts {
             let bytes = batch.bytes.get(begin..end).unwrap_or_default();
             begin = end;
             let skipped = step.saturating_sub(self.next);
-            (self.missing, self.dropped) = (self.missing + skipped, self.dropped + skipped);
+            self.missing += skipped;
+            self.dropped += skipped;
             self.next = step + 1;
             self.rotate(steady_ns);
             if self.part.is_none() && steady_ns >= self.retry_ns {
@@ -308,15 +310,11 @@ mod tests {
     use crate::record::entry::Entry;
     use crate::record::log::{Log, ReplayOrder};
     use crate::record::reading::{LogFile, LogStep, is_whole, parts, read_header};
+    use crate::scratch::scratch;
     use alight_shared::wire;
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;
 
-    fn directory(name: &str) -> PathBuf {
-        let path = std::env::temp_dir().join(format!("alight-parts-{}-{name}", std::process::id()));
-        let _none = std::fs::remove_dir_all(&path);
-        path
-    }
     fn begin(directory: &Path) -> Parts {
         let header = PartHeader {
             process: "test".into(),
@@ -355,7 +353,7 @@ mod tests {
 
     #[test]
     fn part_rotation_by_size_and_age() {
-        let directory = directory("rotated");
+        let directory = scratch("parts-rotated");
         let mut written = begin(&directory);
         for step in 0..4 {
             written.write(0, &batch(step, 0));
@@ -385,7 +383,7 @@ mod tests {
 
     #[test]
     fn part_synchronisation_within_a_second() {
-        let directory = directory("synchronised");
+        let directory = scratch("parts-synchronised");
         let mut written = begin(&directory);
         for (k, ns) in [0, S / 2, S].into_iter().enumerate() {
             written.write(ns, &batch(k as u64, ns));
@@ -404,7 +402,7 @@ mod tests {
 
     #[test]
     fn parts_on_a_blocked_disk() {
-        let directory = directory("blocked");
+        let directory = scratch("parts-blocked");
         // A file in place of the directory, in which not even root can create files.
         std::fs::write(&directory, "").unwrap();
         let mut written = begin(&directory);
@@ -420,7 +418,7 @@ mod tests {
 
     #[test]
     fn parts_on_a_full_disk() {
-        let directory = directory("full");
+        let directory = scratch("parts-full");
         let mut written = begin(&directory);
         written.write(0, &batch(0, 0));
         written.poll(S);
@@ -443,7 +441,7 @@ mod tests {
 
     #[test]
     fn missing_steps() {
-        let directory = directory("gap");
+        let directory = scratch("parts-gap");
         let mut written = begin(&directory);
         for step in [0, 1, 5, 6] {
             written.write(0, &batch(step, 0));
@@ -462,9 +460,10 @@ mod tests {
         CHUNKS.get_or_init(write_chunks)
     }
     fn write_chunks() -> Chunks {
-        let directory = directory("chunks");
+        let directory = scratch("parts-chunks");
         let mut written = begin(&directory);
-        let (mut step, mut lengths) = (0, Vec::new());
+        let mut step = 0;
+        let mut lengths = Vec::new();
         for chunk in 1..=4_i64 {
             for _ in 0..chunk {
                 written.write(chunk * 10 * S, &batch(step, chunk * 10 * S));
@@ -483,7 +482,7 @@ mod tests {
     #[test]
     fn part_cut_at_any_byte() {
         let (header, bytes, lengths) = chunks();
-        let directory = directory("cut");
+        let directory = scratch("parts-cut");
         std::fs::create_dir_all(&directory).unwrap();
         let path = directory.join("test-00000007-001.mcap");
         for cut in 0..bytes.len() {
@@ -530,7 +529,7 @@ mod tests {
         ) {
             let (_, bytes, lengths) = chunks();
             let (length, steps) = lengths[chunk];
-            let path = directory("tail").with_extension("mcap");
+            let path = scratch("parts-tail").with_extension("mcap");
             for tail in [tail, vec![0; zeros]] {
                 std::fs::write(&path, [&bytes[..length], &tail].concat()).unwrap();
                 // A record with a length beyond the file's end makes the MCAP reader panic; the tools contain the

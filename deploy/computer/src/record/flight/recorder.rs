@@ -1,6 +1,7 @@
 //! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the queue
 //! full are counted and left out.
 
+use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -49,11 +50,10 @@ impl NodeRecorder {
     pub fn begin(directory: &Path, header: PartHeader) -> NodeRecorder {
         let (to, batches) = sync_channel(BATCHES);
         let (give_back, free) = sync_channel(BATCHES);
-        let (missing, waiting) = (Arc::<AtomicU64>::default(), Arc::<AtomicUsize>::default());
-        let (name, counts) = (
-            header.process.clone(),
-            (Arc::clone(&waiting), Arc::clone(&missing)),
-        );
+        let missing = Arc::<AtomicU64>::default();
+        let waiting = Arc::<AtomicUsize>::default();
+        let name = header.process.clone();
+        let counts = (Arc::clone(&waiting), Arc::clone(&missing));
         let directory = directory.to_owned();
         let thread = Builder::new().name("recorder".into()).spawn(move || {
             yield_to_flight();
@@ -89,7 +89,8 @@ impl NodeRecorder {
     fn hand_over(&mut self) {
         let empty = self.free.try_recv().unwrap_or_default();
         let full = core::mem::replace(&mut self.batch, empty);
-        let (steps, bytes) = (full.marks.len() as u64, full.bytes.len());
+        let steps = full.marks.len() as u64;
+        let bytes = full.bytes.len();
         let has_room = self.waiting.fetch_add(bytes, Ordering::Relaxed) + bytes <= MAX_WAITING_BYTES;
         let to = self.to.as_ref().filter(|_| has_room);
         let sent = to.is_some_and(|to| to.try_send(full).is_ok());
@@ -143,8 +144,8 @@ fn write(
 /// Checks that `directory` can be recorded to, for a command that would otherwise be useless.
 pub fn can_write(directory: &Path) -> Result<(), CliError> {
     let probe = directory.join(".alight");
-    let done = std::fs::create_dir_all(directory).and_then(|()| std::fs::write(&probe, "recorder"));
-    let removed = done.and_then(|()| std::fs::remove_file(&probe));
+    let done = fs::create_dir_all(directory).and_then(|()| fs::write(&probe, "recorder"));
+    let removed = done.and_then(|()| fs::remove_file(&probe));
     removed.doing(format_args!("recording into {}", directory.display()))
 }
 
@@ -152,11 +153,12 @@ pub fn can_write(directory: &Path) -> Result<(), CliError> {
 mod tests {
     use super::*;
     use crate::record::log::{Log, ReplayOrder};
+    use crate::scratch::scratch;
     use alight_shared::wire;
 
     #[test]
     fn recorder_of_every_step() {
-        let directory = std::env::temp_dir().join(format!("alight-recorder-{}", std::process::id()));
+        let directory = scratch("recorder");
         let header = PartHeader {
             process: "test".into(),
             boot: 7,
@@ -183,7 +185,7 @@ mod tests {
         })
         .unwrap();
         assert_eq!(read, 1000);
-        std::fs::remove_dir_all(&directory).unwrap();
+        fs::remove_dir_all(&directory).unwrap();
     }
 
     #[test]
@@ -207,7 +209,8 @@ mod tests {
         }
         assert_eq!(recorder.missing(), 5, "each takes a little more than a sixteenth");
         assert_eq!(batches.try_iter().count(), 15);
-        (recorder.dropped, recorder.waiting) = (0, Arc::default());
+        recorder.dropped = 0;
+        recorder.waiting = Arc::default();
         for k in 0..10 * BATCHES as i64 {
             recorder.step(k, k, &vec![0_u8; BATCH_BYTES / 2], &());
         }

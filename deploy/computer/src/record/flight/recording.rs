@@ -41,7 +41,8 @@ impl FlightRecording {
             ),
         }
         let (to, summaries) = sync_channel(SUMMARIES);
-        let (root, own) = (directory.to_owned(), path.clone());
+        let root = directory.to_owned();
+        let own = path.clone();
         let thread = Builder::new().name("flights".into()).spawn(move || {
             yield_to_flight();
             keep(&root, &own, Room::of(max_bytes), &summaries);
@@ -77,7 +78,8 @@ impl Drop for FlightRecording {
 }
 
 fn keep(root: &Path, own: &Path, room: Room, summaries: &Receiver<FlightSummary>) {
-    let (mut failed, mut room_ns) = (false, steady_ns());
+    let mut failed = false;
+    let mut room_ns = steady_ns();
     loop {
         match summaries.try_recv() {
             Ok(summary) => {

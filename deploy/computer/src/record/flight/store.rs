@@ -121,7 +121,8 @@ fn lock(root: &Path, path: &Path) -> io::Result<File> {
 }
 
 fn stamp(t: OffsetDateTime) -> String {
-    let (year, month) = (t.year().clamp(0, 9999), u8::from(t.month()));
+    let year = t.year().clamp(0, 9999);
+    let month = u8::from(t.month());
     let (hour, minute, second) = t.to_hms();
     format!(
         "{year:04}{month:02}{:02}T{hour:02}{minute:02}{second:02}Z",
@@ -215,11 +216,11 @@ fn closed_parts(directory: &Path) -> Vec<(PathBuf, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scratch::scratch;
 
     /// Directory of flights, each with a part of 1000 bytes for each process.
     fn root(name: &str, numbers: &[u32]) -> PathBuf {
-        let root = std::env::temp_dir().join(format!("alight-flights-{}-{name}", std::process::id()));
-        let _none = std::fs::remove_dir_all(&root);
+        let root = scratch(&format!("flights-{name}"));
         for number in numbers {
             // Without a GNSS receiver, the computer's clock starts from an old time again.
             let path = root.join(format!("2026112{}T181500Z-{number:04}", 9 - number % 10));
@@ -263,7 +264,8 @@ mod tests {
     fn removal_of_parts_of_a_running_flight() {
         let root = root("runs", &[1, 2]);
         let all = flights(&root).unwrap();
-        let (other, current) = (&all[0], &all[1].path);
+        let other = &all[0];
+        let current = &all[1].path;
         let runs = File::open(&other.path).unwrap();
         runs.try_lock().unwrap();
         assert!(other.is_running() && !all[1].is_running());
