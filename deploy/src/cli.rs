@@ -517,7 +517,8 @@ mod tests {
 
     #[test]
     fn help_within_40_lines() {
-        let (cli, mut commands) = (Cli::grouped(), Vec::new());
+        let cli = Cli::grouped();
+        let mut commands = Vec::new();
         all(&cli, "alight", &mut commands);
         let mut long = Vec::new();
         for (name, command) in commands {

@@ -71,7 +71,8 @@ pub enum PlannerChoice {
 
 impl PlannerChoice {
     pub fn select(&self, nodes: &mut NodeConfigs) {
-        (nodes.baseline, nodes.own) = (None, None);
+        nodes.baseline = None;
+        nodes.own = None;
         match self {
             PlannerChoice::Included(PlannerArg::MpcFaa) => nodes.drone.planner.kind = PlannerKind::MpcFaa,
             PlannerChoice::Included(PlannerArg::Alight) => nodes.drone.planner.kind = PlannerKind::Alight,
@@ -448,7 +449,8 @@ impl FromStr for Shard {
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("`{text}` is not a shard: give I/N with 1 <= I <= N <= 100000, e.g. 2/8");
         let (i, n) = text.split_once('/').ok_or_else(wrong)?;
-        let (index, count) = (i.parse().map_err(|_| wrong())?, n.parse().map_err(|_| wrong())?);
+        let index = i.parse().map_err(|_| wrong())?;
+        let count = n.parse().map_err(|_| wrong())?;
         if !(1..=100_000).contains(&count) || !(1..=count).contains(&index) {
             return Err(wrong());
         }

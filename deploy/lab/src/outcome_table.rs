@@ -116,7 +116,8 @@ pub fn summary(s: &Summary) -> String {
     let collisions = s.keep_out_collisions.map_or(String::new(), |n| {
         format!(", {}", plural(n, "keep-out collision"))
     });
-    let (flown, percent) = (s.trials, 100.0 * s.successes as f64 / s.trials.max(1) as f64);
+    let flown = s.trials;
+    let percent = 100.0 * s.successes as f64 / s.trials.max(1) as f64;
     let landed = format!(
         "{} of {flown} landed ({percent:.1} %, 95 % interval {:.1} to {:.1} %), {}{collisions}",
         s.successes,
@@ -129,7 +130,8 @@ pub fn summary(s: &Summary) -> String {
         (0, _) => String::new(),
         (_, contacts) => format!(" (by {})", plural(contacts, "contact")),
     };
-    let (bad, most) = (s.unsafe_trials, 100.0 * at_most_95(s.unsafe_trials, flown));
+    let bad = s.unsafe_trials;
+    let most = 100.0 * at_most_95(s.unsafe_trials, flown);
     let bound = format!("unsafe: {bad} of {flown} landings{by}; with 95 % confidence at most {most:.1} %");
     format!("{}\n{}\n{}", wrapped(&landed), wrapped(&bound), table.text())
 }

@@ -43,7 +43,8 @@ pub fn run(args: &RareArgs) -> Result<Exit, CliError> {
         return Ok(Exit::Failed);
     }
     let scene = Scene::of(&args.scene)?;
-    let (progress, flown) = (ProgressBar::new_spinner(), AtomicUsize::new(0));
+    let progress = ProgressBar::new_spinner();
+    let flown = AtomicUsize::new(0);
     let near = |streams: &_| -> Result<f64, Option<CliError>> {
         if end_requested() {
             return Err(None);

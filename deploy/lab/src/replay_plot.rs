@@ -10,7 +10,7 @@ use alight_computer::record::log::{Log, ProcessStart};
 use alight_computer::record::observer::StepObserver;
 use alight_shared::msg::{DeckForecast, DroneState};
 use alight_shared::step::Step;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{DroneTime, Time, WorldTime};
 use alight_sim::harness::trace::{Trace, TracePoint};
 use alight_uav::pilot::PilotOut;
 use alight_uav::predictor::{PredictorIn, PredictorOut};
@@ -53,7 +53,7 @@ pub fn begin(path: &Path, log: &Log) -> Result<Box<dyn Plot>, CliError> {
 }
 
 impl BeliefPlot {
-    fn predicted(&mut self, t_s: f64, now: Time<DroneClock>, i: &PredictorIn, o: &PredictorOut) {
+    fn predicted(&mut self, t_s: f64, now: DroneTime, i: &PredictorIn, o: &PredictorOut) {
         self.drone = i.drone.or(self.drone);
         let next_s = self
             .trace
@@ -74,7 +74,7 @@ impl BeliefPlot {
 /// Estimated drone and deck at `now`; None while the forecast is empty.
 fn point(
     t_s: f64,
-    now: Time<DroneClock>,
+    now: DroneTime,
     drone: &DroneState,
     forecast: &DeckForecast,
     feet_below_m: f64,
@@ -101,13 +101,13 @@ fn point(
 }
 
 impl StepObserver for BeliefPlot {
-    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, t: WorldTime, step: &Step<'_>) {
         let now = Time::from_nanos(step.now_ns);
         if let (Some(i), Some(o)) = (step.input(), step.output()) {
             self.predicted(t.secs(), now, i, o);
         }
         if let Some(o) = step.output::<PilotOut>() {
-            let contact = |touchdown_at: Time<DroneClock>| (t - (now - touchdown_at)).secs();
+            let contact = |touchdown_at: DroneTime| (t - (now - touchdown_at)).secs();
             let touchdown = o.touchdown.as_ref().map(|c| contact(c.suspected_at));
             self.trace.touchdown_s = touchdown.or(self.trace.touchdown_s);
         }
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn drone_above_a_rolled_deck() {
-        let now = Time::<DroneClock>::from_nanos(5_000_000_000);
+        let now = DroneTime::from_nanos(5_000_000_000);
         let mut drone = DroneState {
             position: [1.0, 2.0, -3.0],
             ..DroneState::default()

@@ -40,7 +40,9 @@ impl Scene {
     pub fn of(args: &SceneArgs) -> Result<Scene, CliError> {
         let scene = Scene::unremarked(args)?;
         // Standard output contains only the result.
-        scene.remarks.iter().for_each(|r| terminal::note(true, r));
+        for r in &scene.remarks {
+            terminal::note(true, r);
+        }
         Ok(scene)
     }
 
@@ -97,7 +99,8 @@ impl Scene {
     }
     /// Sets the world according to the configurations: deck, keep-out volumes, airframe, sensor positions.
     pub fn describe(&mut self) {
-        let (world, nodes) = (&mut self.scenario, &self.nodes);
+        let world = &mut self.scenario;
+        let nodes = &self.nodes;
         world.describe(
             &nodes.drone.deck,
             &nodes.vessel.surroundings,
@@ -111,7 +114,8 @@ impl Scene {
 
 /// Remark if the drone differs from the description in its file.
 fn airframe_remark(args: &SceneArgs, scenario: &Scenario, nodes: &NodeConfigs) -> Option<String> {
-    let (flies, believed) = (&scenario.airframe, &nodes.drone.airframe);
+    let flies = &scenario.airframe;
+    let believed = &nodes.drone.airframe;
     (args.drone_config.is_some() && flies != believed).then(|| {
         format!(
             "the drone flies with the [airframe] of --scenario ({} kg), and --drone-config gives \
@@ -171,9 +175,10 @@ fn set_vehicles(args: &SceneArgs, scenario: &mut Scenario, nodes: &mut NodeConfi
             scenario.vessel.power();
         }
     }
-    match args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
-        true => scenario.differ_from_belief(nodes),
-        false => scenario.draws.on = false,
+    if args.draws.unwrap_or(args.hull.is_some() || scenario.draws.on) {
+        scenario.differ_from_belief(nodes)
+    } else {
+        scenario.draws.on = false
     }
     Ok(())
 }

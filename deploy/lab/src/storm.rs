@@ -2,6 +2,7 @@
 //! list of faults that breaks a rule.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
@@ -115,8 +116,7 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
         return fly_list(path, args.form);
     }
     if let Some(directory) = &args.save {
-        std::fs::create_dir_all(directory)
-            .doing(format_args!("making the directory {}", directory.display()))?;
+        fs::create_dir_all(directory).doing(format_args!("making the directory {}", directory.display()))?;
     }
     let elapsed = stopwatch();
     let cores = || u32::try_from(rayon::current_num_threads()).unwrap_or(1);
@@ -136,7 +136,9 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
             .map(|seed| Storm::drawn(seed, args.faults.into()));
         let batch: Vec<Storm> = drawn.map(|storm| coverage.aim(storm)).collect();
         let flown = in_parallel(args.jobs, "storms", &batch, |storm| fly_one(args, storm))?;
-        flown.iter().for_each(|end| coverage.add(end.flight, &end.flown));
+        for end in &flown {
+            coverage.add(end.flight, &end.flown);
+        }
         all.extend(flown);
         let over = match args.seconds {
             Some(s) => elapsed() >= f64::from(s),
@@ -238,13 +240,13 @@ pub fn read_list(path: &Path) -> Result<Storm, CliError> {
 
 fn read(path: &Path) -> Result<Storm, CliError> {
     let doing = format_args!("reading the list {} (--save writes them)", path.display());
-    let length = std::fs::metadata(path).doing(doing)?.len();
+    let length = fs::metadata(path).doing(doing)?.len();
     if length > MAX_LIST_BYTES {
         return Err(CliError(format!(
             "{doing}: it has {length} bytes, and a list has at most {MAX_LIST_BYTES}"
         )));
     }
-    let text = std::fs::read_to_string(path).doing(doing)?;
+    let text = fs::read_to_string(path).doing(doing)?;
     Storm::read(&text).map_err(|e| {
         let error = e.to_string();
         CliError(match missing(&error) {
@@ -286,11 +288,12 @@ fn fly_list(path: &Path, form: Form) -> Result<Exit, CliError> {
 
 /// Prints a violation and its list in one call, because several threads print.
 fn show(args: &StormArgs, broken: &Broken) -> Result<(), CliError> {
-    let (seed, text) = (broken.seed, broken.shrunk.text());
+    let seed = broken.seed;
+    let text = broken.shrunk.text();
     let list = match &args.save {
         Some(directory) => {
             let path = directory.join(format!("{seed}.toml"));
-            std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+            fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
             format!("  replay: alight study storm --list {}", path.display())
         }
         None => text.lines().map(|line| format!("  {line}\n")).collect(),
@@ -322,9 +325,10 @@ impl Summary {
                 StormEnding::Warned => summary.warned += 1,
             }
             if let Some(warned) = flown.warned {
-                let names = match warned.parameters.is_empty() {
-                    true => "several together".into(),
-                    false => warned.parameters.join(", "),
+                let names = if warned.parameters.is_empty() {
+                    "several together".into()
+                } else {
+                    warned.parameters.join(", ")
                 };
                 *summary.warnings.entry(names).or_default() += 1;
             }
@@ -440,20 +444,20 @@ mod tests {
         for (key, advice) in [("wind_mps", "above the first [[fault]]"), ("kind", "[[fault]]\n")] {
             let text = Storm::drawn(1, 2).text();
             let lines = text.lines().filter(|l| !l.starts_with(&format!("{key} = ")));
-            std::fs::write(&path, lines.collect::<Vec<_>>().join("\n")).unwrap();
+            fs::write(&path, lines.collect::<Vec<_>>().join("\n")).unwrap();
             let error = read(&path).unwrap_err().to_string();
             assert!(
                 error.contains(&format!("`{key}`")) && error.contains(advice),
                 "{error}"
             );
         }
-        std::fs::remove_file(path).unwrap();
+        fs::remove_file(path).unwrap();
     }
 
     #[test]
     fn lists_that_real_processes_fly() {
         let directory = std::env::temp_dir().join(format!("alight-lists-{}", std::process::id()));
-        std::fs::create_dir_all(&directory).unwrap();
+        fs::create_dir_all(&directory).unwrap();
         let path = directory.join("list.toml");
         let storm = |flight| Storm {
             flight,
@@ -461,10 +465,10 @@ mod tests {
             ..Storm::drawn(1, 0)
         };
         for (flight, flies) in [(FlightKind::Landing, true), (FlightKind::TakeOff, false)] {
-            std::fs::write(&path, storm(flight).text()).unwrap();
+            fs::write(&path, storm(flight).text()).unwrap();
             assert_eq!(read(&path).unwrap(), storm(flight));
             assert_eq!(read_list(&path).is_ok(), flies, "{flight:?}");
         }
-        std::fs::remove_dir_all(&directory).unwrap();
+        fs::remove_dir_all(&directory).unwrap();
     }
 }

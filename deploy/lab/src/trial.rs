@@ -81,7 +81,8 @@ fn observer(
     let Some(view) = args.view.over(&ViewConfig::default()) else {
         return Ok(None);
     };
-    let (deck, airframe) = (&scene.scenario.deck, &scene.scenario.airframe);
+    let deck = &scene.scenario.deck;
+    let airframe = &scene.scenario.airframe;
     let known = ComputerReport {
         title: format!("trial, sea {}, seed {}", scene.sea, args.seed)
             .as_str()

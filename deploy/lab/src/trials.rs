@@ -6,7 +6,7 @@ use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::terminal::{self, note, wrapped};
 use alight_shared::estimation::quantile;
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
@@ -55,7 +55,7 @@ struct SolveTimes {
 }
 
 impl WorldObserver for SolveTimes {
-    fn step(&mut self, _t: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _t: WorldTime, step: &Step<'_>) {
         let now_ns = steady_ns();
         if step.output::<PlannerOut>().is_some_and(|out| out.plan.is_some()) {
             self.took_ms.push((now_ns - self.since_ns) as f64 * 1e-6);
@@ -71,7 +71,8 @@ pub fn fly_seed(
     sea: &str,
     timed: bool,
 ) -> Result<Outcome, CliError> {
-    let (elapsed, mut times) = (stopwatch(), SolveTimes::default());
+    let elapsed = stopwatch();
+    let mut times = SolveTimes::default();
     let watch = Watch {
         on_event: &mut |_| {},
         trace_step_s: None,
@@ -108,7 +109,8 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     let facts = facts.map_err(|e| CliError(e.to_string()))?;
     let recording_s = facts.map(|f| f.duration_s);
     let motion_start = |seed: u64| {
-        let (stride, motion) = (args.motion_stride?, scene.scenario.deck_motion.as_ref()?);
+        let stride = args.motion_stride?;
+        let motion = scene.scenario.deck_motion.as_ref()?;
         let start = motion.start_s + stride * (seed - args.seed) as f64;
         // At its end the recording starts over.
         Some(start % recording_s.unwrap_or(f64::INFINITY))
@@ -122,7 +124,8 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
     })?;
     let interrupted = outcomes.len() < seeds.len();
     if interrupted {
-        let (flown, all) = (outcomes.len(), seeds.len());
+        let flown = outcomes.len();
+        let all = seeds.len();
         note(
             args.form.alone(),
             format_args!("interrupted after {flown} of {all} landings; repeated, it begins again"),

@@ -1,6 +1,7 @@
 //! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total length
 //! is limited.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use alight_shared::autopilot_parameters::{PARAMETERS, Severity, Wanted};
@@ -15,14 +16,15 @@ pub(crate) fn root() -> PathBuf {
 }
 
 pub(crate) fn read(path: &Path) -> String {
-    std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
+    fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
 /// Files below `directory` with these endings, without build output.
 pub(crate) fn files(directory: &Path, endings: &[&str]) -> Vec<PathBuf> {
     let mut found = Vec::new();
-    for entry in std::fs::read_dir(directory).unwrap().flatten() {
-        let (path, name) = (entry.path(), entry.file_name().into_string().unwrap());
+    for entry in fs::read_dir(directory).unwrap().flatten() {
+        let path = entry.path();
+        let name = entry.file_name().into_string().unwrap();
         if path.is_dir() && name != "target" && !name.starts_with('.') {
             found.extend(files(&path, endings));
         } else if endings.iter().any(|e| name.ends_with(e)) {
@@ -50,7 +52,8 @@ fn anchors(text: &str) -> impl Iterator<Item = String> {
 
 #[test]
 fn book_size() {
-    let (mut pages, mut all) = (0, 0);
+    let mut pages = 0;
+    let mut all = 0;
     for page in files(&root(), &[".md"]) {
         let words = read(&page).split_whitespace().count();
         assert!(words <= MAX_PAGE_WORDS, "{}: {words} words", page.display());
@@ -108,7 +111,7 @@ fn link_version(root: &Path) -> String {
     let flies = ["uav-side/src/autopilot", "uav-side/src/pilot"].map(|d| files(&root.join(d), &[".rs"]));
     let mut sources = flies.concat();
     sources.sort();
-    let bytes: Vec<Vec<u8>> = sources.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    let bytes: Vec<Vec<u8>> = sources.iter().map(|path| fs::read(path).unwrap()).collect();
     format!("{:016x}", wire::hash_record(&bytes.concat()).unwrap())
 }
 

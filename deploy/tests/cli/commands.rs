@@ -1,8 +1,9 @@
 //! Commands: exit codes, errors, JSON, determinism.
+use std::fs;
 use std::io::Write;
 use std::process::{Command, Stdio};
 
-use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout, succeeds};
 
 #[test]
 fn bad_input_exit_code_2() {
@@ -164,14 +165,14 @@ fn help_of_every_page() {
 #[test]
 fn examples_written_once() {
     let out = scratch("examples");
-    std::fs::create_dir_all(&out).unwrap();
+    fs::create_dir_all(&out).unwrap();
     let write = || alight(format!("example night.toml boat.csv --out {}", out.display()));
     let o = write();
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     let shipped = crate::book::root().join("deploy/scenarios/night.toml");
     assert_eq!(
-        std::fs::read(out.join("night.toml")).unwrap(),
-        std::fs::read(shipped).unwrap()
+        fs::read(out.join("night.toml")).unwrap(),
+        fs::read(shipped).unwrap()
     );
     let again = write();
     assert_eq!(again.status.code(), Some(2));
@@ -186,10 +187,9 @@ fn completions_and_manual_pages_with_values() {
         assert!(script.contains(value), "{value}");
     }
     let pages = scratch("pages");
-    std::fs::create_dir_all(&pages).unwrap();
-    let o = alight(format!("manual {}", pages.display()));
-    assert!(o.status.success(), "{}", stderr(&o));
-    let page = std::fs::read_to_string(pages.join("alight-trial.1")).unwrap();
+    fs::create_dir_all(&pages).unwrap();
+    succeeds(format!("manual {}", pages.display()));
+    let page = fs::read_to_string(pages.join("alight-trial.1")).unwrap();
     for text in [r"[\fB\-\-trials\fR \fIN\fR]", r"very\-rough"] {
         assert!(page.contains(text), "{text}: {page}");
     }
@@ -198,8 +198,7 @@ fn completions_and_manual_pages_with_values() {
 #[test]
 fn trial_json_and_plot() {
     let plot = scratch("landing.svg");
-    let o = alight(format!("trial --seed 3 --json --plot {}", plot.display()));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let o = succeeds(format!("trial --seed 3 --json --plot {}", plot.display()));
     assert_eq!(stdout(&o).lines().count(), 1);
     let v = json(&o);
     for key in [
@@ -227,7 +226,7 @@ fn trial_json_and_plot() {
         assert!(v.get(key).is_some(), "{key} is missing in {v}");
     }
     assert_eq!(v["sea"], "moderate");
-    let svg = std::fs::read_to_string(&plot).unwrap();
+    let svg = fs::read_to_string(&plot).unwrap();
     assert!(
         svg.starts_with("<svg") && svg.contains("touchdown") && svg.contains("roll and pitch difference")
     );
@@ -236,12 +235,12 @@ fn trial_json_and_plot() {
 #[test]
 fn csv_of_rows() {
     let rows = scratch("kept.csv");
-    let o = alight(format!(
+    let o = succeeds(format!(
         "trial --trials 2 --seed 40 --csv --rows {}",
         rows.display()
     ));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
-    let (printed, kept) = (stdout(&o), std::fs::read_to_string(rows).unwrap());
+    let printed = stdout(&o);
+    let kept = fs::read_to_string(rows).unwrap();
     assert_eq!(printed.lines().next(), kept.lines().next());
     assert_eq!(printed.lines().count(), 3, "{printed}");
     // Nested values have dotted names; a quantity has the column of its name.
@@ -268,12 +267,13 @@ fn trials_with_one_or_two_jobs() {
         ));
         assert!(o.status.code() != Some(2), "{}", stderr(&o));
         assert_eq!(json(&o)["trials"], 3);
-        let text = std::fs::read_to_string(rows).unwrap();
+        let text = fs::read_to_string(rows).unwrap();
         text.lines()
             .map(|l| l.rsplit(',').next().unwrap().to_string())
             .collect::<Vec<_>>()
     };
-    let (one, two) = (digests("1", "one.csv"), digests("2", "two.csv"));
+    let one = digests("1", "one.csv");
+    let two = digests("2", "two.csv");
     assert_eq!(one.len(), 4);
     assert_eq!(one, two);
 }
@@ -282,19 +282,17 @@ fn trials_with_one_or_two_jobs() {
 fn printed_configurations() {
     let drone = file("drone.toml", alight("config drone --all").stdout);
     let scenario = file("scenario.toml", alight("config scenario").stdout);
-    let o = alight(format!(
+    succeeds(format!(
         "trial --drone-config {drone} --scenario {scenario} --json --seed 5"
     ));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
 }
 
 #[test]
 fn match_that_succeeds() {
     let mode = "[drone.mission]\nmode = \"match\"\nlowest_clearance_m = 2.0\n";
     let drone = file("match.toml", mode);
-    let o = alight(format!("trial --sea calm --drone-config {drone}"));
+    let o = succeeds(format!("trial --sea calm --drone-config {drone}"));
     let text = stdout(&o);
-    assert_eq!(o.status.code(), Some(0), "{text}{}", stderr(&o));
     for part in [
         "matched: matched the deck at 2.0 m",
         ", 1 attempt, 0 unsafe contacts",
@@ -370,7 +368,7 @@ fn init_writes_both_files_once() {
         text.contains("BROKEN   certificate") && text.contains("alight keys vessel 7"),
         "{text}"
     );
-    let drone = std::fs::read_to_string(dir.join("drone.toml")).unwrap();
+    let drone = fs::read_to_string(dir.join("drone.toml")).unwrap();
     assert!(
         drone.contains("vessel_id = 7")
             && drone.contains("\"vessel-7\"")
@@ -425,9 +423,8 @@ fn help_on_first_commands() {
 
 #[test]
 fn help_of_one_order() {
-    let o = alight("order takeoff --help");
+    let o = succeeds("order takeoff --help");
     let text = stdout(&o);
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
     for part in [
         "Take off from the deck",
         "alight order takeoff [OPTIONS]",
@@ -445,23 +442,24 @@ fn help_of_one_order() {
 #[test]
 fn study_shards_and_resumption() {
     let dir = |name: &str| scratch(name).to_string_lossy().into_owned();
-    let (whole, one, two, all) = (dir("whole"), dir("shard-1"), dir("shard-2"), dir("all"));
+    let whole = dir("whole");
+    let one = dir("shard-1");
+    let two = dir("shard-2");
+    let all = dir("all");
     let own = file(
         "own.toml",
         "title = \"Ours\"\n[[row]]\nname = \"slight\"\nsea = \"slight\"\n",
     );
     let study = |out: &str, more: &str| {
-        let o = alight(format!(
+        let o = succeeds(format!(
             "study {own} --trials 3 --seed0 60 --json --out {out} {more}"
         ));
-        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         json(&o)
     };
     let at_once = study(&whole, "");
     study(&one, "--shard 1/2");
     study(&two, "--shard 2/2");
-    let o = alight(format!("study merge --json --out {all} {one} {two}"));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let o = succeeds(format!("study merge --json --out {all} {one} {two}"));
     for key in ["position_error_m", "mean_95", "success_rate_95", "worst_seeds"] {
         assert_eq!(json(&o)["rows"][0][key], at_once["rows"][0][key], "{key}");
     }
@@ -470,7 +468,7 @@ fn study_shards_and_resumption() {
         study(&one, "")["rows"][0]["tilt_error_deg"],
         at_once["rows"][0]["tilt_error_deg"]
     );
-    let rows = std::fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
+    let rows = fs::read_to_string(scratch("shard-1").join("rows.csv")).unwrap();
     assert_eq!(rows.lines().count(), 1 + 3);
     assert_eq!(alight("study wind --shard 3/2").status.code(), Some(2));
 }
@@ -480,15 +478,14 @@ fn envelope_resumption_with_more_landings() {
     let out = scratch("envelope");
     let envelope = |trials: u32| {
         let arguments = "study envelope --winds 4 --directions 1 --sea-states 2 --json --trials";
-        let o = alight(format!("{arguments} {trials} --out {}", out.display()));
-        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
-        (json(&o), std::fs::read_to_string(out.join("rows.csv")).unwrap())
+        let o = succeeds(format!("{arguments} {trials} --out {}", out.display()));
+        (json(&o), fs::read_to_string(out.join("rows.csv")).unwrap())
     };
     let (_, first) = envelope(1);
     let (value, both) = envelope(2);
     assert!(both.starts_with(&first) && both.lines().count() == 3, "{both}");
     assert_eq!(value["cells"][0]["trials"], 2);
-    let written = std::fs::read_to_string(out.join("envelope.json")).unwrap();
+    let written = fs::read_to_string(out.join("envelope.json")).unwrap();
     assert_eq!(
         serde_json::from_str::<serde_json::Value>(&written).unwrap(),
         value
@@ -530,7 +527,7 @@ fn study_of_paired_planners() {
     let replay = format!("alight trial --scenario '{}' --planner mpc", scene.display());
     assert_eq!(rows[1]["replay"], replay);
     let other = out.join("other.toml");
-    std::fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
+    fs::write(&other, "[drone.planner]\npress_m = 0.2\n").unwrap();
     let o = study(&format!("--tuning {}", other.display()));
     assert_eq!(o.status.code(), Some(2));
     assert!(stderr(&o).contains("another configuration"), "{}", stderr(&o));

@@ -1,5 +1,5 @@
 //! `alight estimate`: reports of readable recordings; exit code 2 and a reason for others.
-use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout, succeeds};
 
 /// Two minutes of a boat in a swell of 5 s, as a motion sensor and a receiver measure it at 5 Hz.
 fn nmea() -> String {
@@ -30,8 +30,7 @@ fn nmea() -> String {
 #[test]
 fn estimate_of_an_nmea_log() {
     let name = file("boat.nmea", nmea() + "$GPGGA,12");
-    let o = alight(format!("estimate {name}"));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let o = succeeds(format!("estimate {name}"));
     let text = stdout(&o);
     for part in ["NMEA 0183, 179.8 s", "attitude 0", "Hs", "mean NIS", "0.5 s"] {
         assert!(text.contains(part), "{part} is missing in:\n{text}");
@@ -91,8 +90,7 @@ fn estimate_of_an_alight_recording() {
         "trial --seed 104 --json --scenario {scenario} --record {name}"
     ));
     assert!(o.status.code().is_some_and(|c| c < 2), "{}", stderr(&o));
-    let o = alight(format!("estimate {name} --json"));
-    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    let o = succeeds(format!("estimate {name} --json"));
     let v = json(&o);
     assert_eq!((&v["format"], &v["restarts"]), (&"MCAP".into(), &0.into()));
     assert_eq!(v["innovations"][0]["channel"], "gyro");

@@ -9,16 +9,14 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use alight_shared::config::{self, Check};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::Seq;
 use alight_shared::msg::{
-    CommandKind, DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage,
-    RtcmFrames, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode,
-    WaveModel, WaveSender, WaveUpdate, f16,
+    DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage, RtcmFrames,
+    Seq, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
+    WaveSender, WaveUpdate, f16,
 };
 use alight_shared::process::ProcessState;
 use alight_shared::rtcm::MAX_FRAME_BYTES;
-use alight_shared::time::{DroneClock, Time, VesselClock};
+use alight_shared::time::{DroneClock, VesselClock};
 use alight_shared::wire::{self, MAX_WIRE_BYTES};
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::settings::DroneSettings;
@@ -87,15 +85,20 @@ fn decoded<M: DeserializeOwned + Serialize>(bytes: &[u8]) -> Option<M> {
     Some(message)
 }
 
+/// Decodes a message of type `M`, and checks it.
+fn checked<M: DeserializeOwned + Serialize + Message>(bytes: &[u8]) {
+    let _sound = decoded::<M>(bytes).map(|m| m.check());
+}
+
 fn decode_all(bytes: &[u8]) {
-    let _sound = decoded::<EstimateUpdate<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<WaveUpdate<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<VesselPrediction<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<VesselSurroundings<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<RtcmFrames<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<DeckGrant<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<OperatorCommand<VesselClock>>(bytes).map(|m| m.check());
-    let _sound = decoded::<DroneStatus>(bytes).map(|m| m.check());
+    checked::<EstimateUpdate<VesselClock>>(bytes);
+    checked::<WaveUpdate<VesselClock>>(bytes);
+    checked::<VesselPrediction<VesselClock>>(bytes);
+    checked::<VesselSurroundings<VesselClock>>(bytes);
+    checked::<RtcmFrames<VesselClock>>(bytes);
+    checked::<DeckGrant<VesselClock>>(bytes);
+    checked::<OperatorCommand<VesselClock>>(bytes);
+    checked::<DroneStatus>(bytes);
     decoded::<TimeRequest<DroneClock>>(bytes);
     decoded::<TimeReply<VesselClock, DroneClock>>(bytes);
     decoded::<ProcessState>(bytes);
@@ -103,15 +106,10 @@ fn decode_all(bytes: &[u8]) {
 
 fn sound() -> Vec<Vec<u8>> {
     let estimate = VesselEstimate::<VesselClock> {
-        header: Header::default(),
-        datum: Datum::default(),
         eta: [1.0, 2.0, 3.0, 0.1, 0.2, 0.3],
         eta_dot: [0.5; 6],
-        eta_ddot: [f16::from_f32(0.25); 6],
         uncertainty: [[f16::ONE, f16::ONE, f16::ZERO]; 6],
-        deck_centre: [0.0, 0.0, -1.3],
-        mean_velocity: [0.0; 2],
-        mean_heading: [0.0; 2],
+        ..VesselEstimate::default()
     };
     let wave = WaveModel::<VesselClock> {
         header: Header::default(),
@@ -131,24 +129,9 @@ fn sound() -> Vec<Vec<u8>> {
         origin: [0.0; 3],
         stages: Seq::filled([PredictedStage::default(); 16]),
     };
-    let request = TimeRequest::<DroneClock> {
-        header: Header::default(),
-        newest_at: Time::EPOCH,
-        newest_boot: 0,
-    };
-    let reply = TimeReply::<VesselClock, DroneClock> {
-        header: Header::default(),
-        requested_at: Time::EPOCH,
-        received_at: Time::EPOCH,
-    };
     let grant = DeckGrant::<VesselClock> {
-        header: Header::default(),
         owner: 1,
         ..DeckGrant::default()
-    };
-    let command = OperatorCommand::<VesselClock> {
-        header: Header::default(),
-        kind: CommandKind::Land,
     };
     let frame = RtcmFrames::<VesselClock> {
         bytes: Seq::filled([0xD3; MAX_FRAME_BYTES]),
@@ -159,10 +142,10 @@ fn sound() -> Vec<Vec<u8>> {
         wire::encode(&whole),
         wire::encode(&waves.update(&continued)),
         wire::encode(&prediction),
-        wire::encode(&request),
-        wire::encode(&reply),
+        wire::encode(&TimeRequest::<DroneClock>::default()),
+        wire::encode(&TimeReply::<VesselClock, DroneClock>::default()),
         wire::encode(&grant),
-        wire::encode(&command),
+        wire::encode(&OperatorCommand::<VesselClock>::default()),
         wire::encode(&frame),
         wire::encode(&DroneStatus::default()),
         wire::encode(&ProcessState::default()),

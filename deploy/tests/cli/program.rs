@@ -8,6 +8,14 @@ pub fn alight(arguments: impl AsRef<str>) -> Output {
         .expect("the program runs")
 }
 
+/// Runs a command that succeeds.
+#[track_caller]
+pub fn succeeds(arguments: impl AsRef<str>) -> Output {
+    let o = alight(arguments);
+    assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
+    o
+}
+
 pub fn scratch(name: &str) -> PathBuf {
     let dir = std::env::temp_dir().join(format!("alight-test-{}", std::process::id()));
     std::fs::create_dir_all(&dir).expect("a directory for temporary files");

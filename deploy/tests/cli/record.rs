@@ -1,8 +1,9 @@
 use std::collections::BTreeSet;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout};
+use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout, succeeds};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};
 
 /// Recording and outcome of a landing after a short warm-up, flown once.
@@ -25,7 +26,7 @@ fn recorded() -> &'static (PathBuf, serde_json::Value) {
 
 /// Copies the recording with `change` applied to every message (topic, number in its topic, bytes).
 fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
-    let bytes = std::fs::read(from).unwrap();
+    let bytes = fs::read(from).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let file = std::io::BufWriter::new(std::fs::File::create(to).unwrap());
     let mut writer = WriteOptions::new()
@@ -44,7 +45,8 @@ fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
     }
     for message in MessageStream::new(&bytes).unwrap() {
         let mut message = message.unwrap();
-        let (topic, number) = (message.channel.topic.clone(), message.sequence);
+        let topic = message.channel.topic.clone();
+        let number = message.sequence;
         change(&topic, number, message.data.to_mut());
         writer.write(&message).unwrap();
     }
@@ -54,8 +56,7 @@ fn changed(from: &Path, to: &Path, change: impl Fn(&str, u32, &mut Vec<u8>)) {
 #[test]
 fn replay_of_a_recording() {
     let (file, _) = recorded();
-    let replay = alight(format!("replay {} --json", file.display()));
-    assert_eq!(replay.status.code(), Some(0), "{}", stderr(&replay));
+    let replay = succeeds(format!("replay {} --json", file.display()));
     let output = json(&replay);
     assert_eq!(output["identical"], true, "{output}");
     for node in output["nodes"].as_array().unwrap() {
@@ -67,10 +68,9 @@ fn replay_of_a_recording() {
 fn replay_of_a_planner_that_is_another_program() {
     let program = concat!(env!("CARGO_MANIFEST_DIR"), "/examples/pd_descent.py");
     let trial = |more: &str| {
-        let o = alight(format!(
+        let o = succeeds(format!(
             "trial --sea calm --planner exec:python3${{IFS}}{program} --json {more}"
         ));
-        assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
         json(&o)
     };
     let file = scratch("another-program.mcap");
@@ -98,12 +98,12 @@ fn replay_of_processes_that_were_killed() {
         + &kill("mission-killed", "Flare")
         + &kill("link-killed", "Approach");
     let start = "[start]\nwarm_up_s = 15.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
-    let (scene, recording) = (file("killed.toml", faults + start), scratch("killed.mcap"));
-    let flown = alight(format!(
+    let scene = file("killed.toml", faults + start);
+    let recording = scratch("killed.mcap");
+    succeeds(format!(
         "trial --scenario {scene} --seed 5 --record {}",
         recording.display()
     ));
-    assert_eq!(flown.status.code(), Some(0), "{}", stderr(&flown));
     let replay = json(&alight(format!("replay {} --json", recording.display())));
     assert_eq!(replay["identical"], true, "{replay}");
     let starts = replay["nodes"].as_array().unwrap().len();
@@ -113,11 +113,12 @@ fn replay_of_processes_that_were_killed() {
 #[test]
 fn plot_of_a_recording() {
     let (file, _) = recorded();
-    let (plot, other) = (scratch("belief.svg"), scratch("belief.png"));
+    let plot = scratch("belief.svg");
+    let other = scratch("belief.png");
     let replay = |to: &Path| alight(format!("replay {} --plot {}", file.display(), to.display()));
     let o = replay(&plot);
     assert_eq!(o.status.code(), Some(0), "{}", stderr(&o));
-    let svg = std::fs::read_to_string(&plot).unwrap();
+    let svg = fs::read_to_string(&plot).unwrap();
     for text in ["own estimate", "time to touchdown, s", "yaw difference, deg"] {
         assert!(svg.contains(text), "{text}");
     }
@@ -181,7 +182,7 @@ fn replay_with_a_changed_output() {
 
 #[test]
 fn replay_of_damaged_foreign_and_missing_files() {
-    let good = std::fs::read(&recorded().0).unwrap();
+    let good = fs::read(&recorded().0).unwrap();
     // Changes one byte in every 4 kB of the middle, so that some are in chunks, which have checksums, and not only in
     // the index records between them, which a replay does not need.
     let mut flipped = good.clone();
@@ -199,7 +200,8 @@ fn replay_of_damaged_foreign_and_missing_files() {
     let writer = std::io::BufWriter::new(std::fs::File::create(&foreign).unwrap());
     let mut writer = WriteOptions::new().compression(None).create(writer).unwrap();
     writer.finish().unwrap();
-    let (foreign, none) = (foreign.display().to_string(), "/nonexistent/flight.mcap");
+    let foreign = foreign.display().to_string();
+    let none = "/nonexistent/flight.mcap";
     assert_rejected(&[
         (format!("replay {foreign}"), &foreign),
         (format!("replay {none}"), none),
@@ -210,8 +212,9 @@ fn replay_of_damaged_foreign_and_missing_files() {
 #[test]
 fn invalid_directories_of_flights() {
     let empty = scratch("no-flight");
-    std::fs::create_dir_all(&empty).unwrap();
-    let (empty, none) = (empty.display().to_string(), "/nonexistent/flights");
+    fs::create_dir_all(&empty).unwrap();
+    let empty = empty.display().to_string();
+    let none = "/nonexistent/flights";
     let listed = alight(format!("flights {empty}"));
     assert!(listed.status.success() && stdout(&listed).contains("no flight in"));
     let part = file("pilot-00000007-001.mcap", &b"\x89MCAP0\r\n"[..]);
@@ -234,7 +237,7 @@ fn invalid_directories_of_flights() {
 #[test]
 fn displayed_topics_of_a_recording() {
     let (file, outcome) = recorded();
-    let bytes = std::fs::read(file).unwrap();
+    let bytes = fs::read(file).unwrap();
     let summary = Summary::read(&bytes).unwrap().unwrap();
     let stats = summary.stats.as_ref().unwrap();
     // Topics that were announced also have messages.
@@ -283,14 +286,11 @@ fn deck_calibration_of_a_recording() {
     // From the drone's position on the deck no part of a tag of 1 m is visible.
     let stays = "stay_s = 40.0\n[deck]\ntag_side_m = 1.0\n[start]\nwarm_up_s = 40.0\nhover_s = 1.0\ndistance_m = [8.0, 10.0]\n";
     let drone = file("one-tag.toml", "[drone.deck]\ntag_side_m = 1.0\n");
-    let (scene, recording) = (
-        file("stays.toml", stays),
-        scratch("stays.mcap").display().to_string(),
-    );
-    let flown = alight(format!(
+    let scene = file("stays.toml", stays);
+    let recording = scratch("stays.mcap").display().to_string();
+    succeeds(format!(
         "trial --sea slight --scenario {scene} --drone-config {drone} --seed 5 --record {recording}"
     ));
-    assert!(flown.status.success(), "{}", stderr(&flown));
     let deck = alight(format!("calibrate deck {recording} --json"));
     let found = json(&deck);
     let centre = found["centre_m"].as_array().unwrap();

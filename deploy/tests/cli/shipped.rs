@@ -1,6 +1,7 @@
 //! Installed files: configurations with every default, and units that systemd accepts.
 
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -77,7 +78,7 @@ fn assert_explained(side: &str, text: &str) {
 fn shipped_configurations() {
     for side in ["vessel", "drone"] {
         let text = printed(&format!("config {side}"));
-        let file = std::fs::read_to_string(shipped(&format!("{side}/{side}.toml")));
+        let file = fs::read_to_string(shipped(&format!("{side}/{side}.toml")));
         assert_eq!(text.trim_end(), file.expect("the shipped file").trim_end());
         assert_explained(side, &text);
         let here = keys(&text);
@@ -105,7 +106,7 @@ fn instructions(text: &str, name: &str) -> Vec<Vec<String>> {
 
 #[test]
 fn container_copies_what_there_is() {
-    let text = std::fs::read_to_string(shipped("Containerfile")).expect("the container's file");
+    let text = fs::read_to_string(shipped("Containerfile")).expect("the container's file");
     let known = [
         "ARG",
         "FROM",
@@ -203,7 +204,7 @@ fn method_in_a_file_of_its_own() {
 /// Shipped unit of one side, with the program under test instead of the installed one.
 fn unit(side: &str) -> String {
     let unit = shipped(&format!("{side}/alight-{side}.service"));
-    let text = std::fs::read_to_string(unit).expect("the unit");
+    let text = fs::read_to_string(unit).expect("the unit");
     text.replace("/usr/bin/alight", env!("CARGO_BIN_EXE_alight"))
 }
 
@@ -227,11 +228,11 @@ fn analyze(args: &[&str], unit: &Path) -> (bool, String) {
 #[ignore = "needs systemd-analyze"]
 fn systemd_units_verification_and_exposure() {
     let directory = std::env::temp_dir().join(format!("alight-units-{}", std::process::id()));
-    std::fs::create_dir_all(&directory).expect("a directory");
+    fs::create_dir_all(&directory).expect("a directory");
     for side in ["vessel", "drone"] {
         let name = format!("alight-{side}.service");
         let path = directory.join(&name);
-        std::fs::write(&path, unit(side)).expect("written");
+        fs::write(&path, unit(side)).expect("written");
         let (clean, text) = analyze(&["verify", "--man=no"], &path);
         assert!(clean && !text.contains(&name), "{text}");
         let (_, text) = analyze(&["security", "--offline=true", "--no-pager"], &path);
@@ -242,16 +243,17 @@ fn systemd_units_verification_and_exposure() {
             .and_then(|n| n.parse::<f64>().ok());
         assert!(exposure.is_some_and(|e| e < 2.5), "{text}");
     }
-    std::fs::remove_dir_all(&directory).expect("removed");
+    fs::remove_dir_all(&directory).expect("removed");
 }
 
 fn sources(directory: &Path, out: &mut String) {
-    for entry in std::fs::read_dir(directory).expect("a directory").flatten() {
-        let (path, name) = (entry.path(), entry.file_name());
+    for entry in fs::read_dir(directory).expect("a directory").flatten() {
+        let path = entry.path();
+        let name = entry.file_name();
         if path.is_dir() && name != "target" && !name.to_string_lossy().starts_with('.') {
             sources(&path, out);
         } else if path.extension().is_some_and(|e| e == "rs") {
-            out.push_str(&std::fs::read_to_string(&path).expect("read"));
+            out.push_str(&fs::read_to_string(&path).expect("read"));
         }
     }
 }
@@ -274,10 +276,11 @@ fn test_name_length() {
 
 #[test]
 fn hazards_with_their_tests_and_rates() {
-    let page = std::fs::read_to_string(shipped("docs/hazards.md")).expect("hazards.md");
+    let page = fs::read_to_string(shipped("docs/hazards.md")).expect("hazards.md");
     let mut all = String::new();
     sources(&shipped(".."), &mut all);
-    let (mut shows, mut rates) = (0, 0);
+    let mut shows = 0;
+    let mut rates = 0;
     for row in page
         .lines()
         .filter(|l| l.starts_with("| ") && !l.starts_with("| hazard"))

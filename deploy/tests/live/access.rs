@@ -1,5 +1,6 @@
 //! Access control of the radio: real Zenoh clients whose messages must be rejected, next to one that is admitted.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -64,7 +65,7 @@ fn files(directory: &Path) -> Vec<(&'static str, PathBuf)> {
 
 /// Signs an expired certificate with an admitted name, using the authority in `keys`; returns its directory.
 fn expired(keys: &Path) -> PathBuf {
-    let key = std::fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
+    let key = fs::read_to_string(keys.join("authority-key.pem")).expect("the authority's key");
     let key = KeyPair::from_pem(&key).expect("a key");
     let named = |name: &str| {
         let mut params = CertificateParams::default();
@@ -82,10 +83,10 @@ fn expired(keys: &Path) -> PathBuf {
         .signed_by(&own, &Issuer::from_params(&authority, &key))
         .expect("signed");
     let directory = keys.join("expired");
-    std::fs::create_dir_all(&directory).expect("a directory");
-    std::fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
-    std::fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
-    std::fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
+    fs::create_dir_all(&directory).expect("a directory");
+    fs::write(directory.join("certificate.pem"), signed.pem()).expect("written");
+    fs::write(directory.join("key.pem"), own.serialize_pem()).expect("written");
+    fs::copy(keys.join("authority.pem"), directory.join("authority.pem")).expect("copied");
     directory
 }
 
@@ -177,7 +178,7 @@ fn intruders_among_admitted_peers() {
     let none_of = AccessRejection::Handshake;
     let expected = AccessRejection::ALL.into_iter().filter(|why| *why != none_of);
     expected.for_each(assert_counted);
-    std::fs::remove_dir_all(&directory).expect("removed");
+    fs::remove_dir_all(&directory).expect("removed");
 }
 
 #[test]
@@ -219,5 +220,5 @@ fn vessel_on_a_key_outside_its_rule() {
     }
     assert!(friend >= 200, "the vessel's own key was received {friend} times");
     assert_counted(AccessRejection::Key);
-    std::fs::remove_dir_all(&keys).expect("removed");
+    fs::remove_dir_all(&keys).expect("removed");
 }

@@ -6,7 +6,7 @@ use alight_shared::admission::Latest;
 use alight_shared::bus::{Bus, Reader, Wake, Writer};
 use alight_shared::msg::{Header, RangeSample, SetPoint};
 use alight_shared::plain::Plain;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span, Time};
 use alight_sim::harness::bus::LockStep;
 use alight_transport::memory::{Instance, Memory, Services};
 use proptest::collection::vec;
@@ -22,7 +22,7 @@ fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
     instance.wipe().unwrap();
 }
 
-fn at(ms: i64) -> Time<DroneClock> {
+fn at(ms: i64) -> DroneTime {
     Time::from_nanos(ms * 1_000_000)
 }
 fn range(boot: u32, k: u32) -> RangeSample {
@@ -56,8 +56,10 @@ fn conforms<B: Bus<Error: Debug>>(bus: &B) {
 
 /// A state's reader gets the newest message once; a queue's reader gets all messages in order.
 fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
-    let (mut states, mut events) = (bus.writer().unwrap(), bus.writer().unwrap());
-    let (mut newest, mut all) = (bus.reader::<SetPoint>().unwrap(), bus.reader().unwrap());
+    let mut states = bus.writer().unwrap();
+    let mut events = bus.writer().unwrap();
+    let mut newest = bus.reader::<SetPoint>().unwrap();
+    let mut all = bus.reader().unwrap();
     for k in 1..=10 {
         states.send(&set_point(k));
         events.send(&range(1, k));
@@ -72,11 +74,14 @@ fn newest_and_all<B: Bus<Error: Debug>>(bus: &B) {
 /// A full queue drops the oldest message, and the reader counts it.
 fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
     let depth = RangeSample::TOPIC.buffer as u32;
-    let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
+    let mut writer = bus.writer().unwrap();
+    let mut reader = bus.reader().unwrap();
     writer.send(&range(2, 1));
     assert_eq!(numbers(&reader.all(0)), [1]);
     let sent = 2..=depth + 6;
-    sent.for_each(|k| writer.send(&range(2, k)));
+    for k in sent {
+        writer.send(&range(2, k));
+    }
     assert_eq!(numbers(&reader.all(0)), (7..=depth + 6).collect::<Vec<_>>());
     assert_eq!(counts(&reader), (1 + u64::from(depth), 5));
     assert_eq!(writer.unsent(), 0, "a writer does not wait for a reader");
@@ -84,7 +89,8 @@ fn full_queue<B: Bus<Error: Debug>>(bus: &B) {
 
 /// Messages of a restarted writer are also read; a restarted or late reader gets the messages sent afterwards.
 fn restarts<B: Bus<Error: Debug>>(bus: &B) {
-    let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
+    let mut writer = bus.writer().unwrap();
+    let mut reader = bus.reader().unwrap();
     writer.send(&range(3, 90));
     drop(writer);
     let mut writer = bus.writer().unwrap();
@@ -118,7 +124,8 @@ fn wakes<B: Bus<Error: Debug>>(bus: &B) {
 
 /// A message older than its topic's limit can be read, but does not count as a fresh input.
 fn stale<B: Bus<Error: Debug>>(bus: &B) {
-    let (mut writer, mut reader) = (bus.writer().unwrap(), bus.reader().unwrap());
+    let mut writer = bus.writer().unwrap();
+    let mut reader = bus.reader().unwrap();
     let limit = SetPoint::TOPIC.stale_after;
     let fresh = |latest: &Latest<SetPoint>, now| latest.fresh(now, limit).is_some();
     let mut latest = Latest::default();
@@ -163,8 +170,11 @@ fn happens() -> impl Strategy<Value = Happens> {
 /// the order of messages from two writers depends on the bus.
 fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>, (u64, u64))> {
     let join = |_| bus.reader::<RangeSample>().unwrap();
-    let (mut readers, mut writer) = ([0; PORTS].map(join), bus.writer().unwrap());
-    let (mut boot, mut sequence, mut read) = (1, 0, Vec::new());
+    let mut readers = [0; PORTS].map(join);
+    let mut writer = bus.writer().unwrap();
+    let mut boot = 1;
+    let mut sequence = 0;
+    let mut read = Vec::new();
     for happens in all {
         match *happens {
             Happens::Sends(n) => {
@@ -181,7 +191,8 @@ fn read<B: Bus<Error: Debug>>(bus: &B, all: &[Happens]) -> Vec<(Vec<RangeSample>
             Happens::Restarts => {
                 // Shared memory loses the messages of a writer that ends before a reader's first read.
                 read.extend(readers.iter_mut().map(|r| (r.all(0), counts(r))));
-                (boot, sequence) = (boot + 1, 0);
+                boot += 1;
+                sequence = 0;
                 drop(writer);
                 writer = bus.writer().unwrap();
             }

@@ -1,5 +1,6 @@
 //! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written as PGM,
 //! and detected at its position.
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
@@ -23,22 +24,22 @@ struct Directory(PathBuf);
 impl Directory {
     fn new(name: &str) -> Directory {
         let path = scratch(name);
-        std::fs::create_dir_all(&path).unwrap();
+        fs::create_dir_all(&path).unwrap();
         Directory(path)
     }
     fn write(&self, k: usize, image: &GreyImage) {
-        std::fs::write(self.0.join(format!("{k:03}.pgm")), image.to_pgm()).unwrap();
+        fs::write(self.0.join(format!("{k:03}.pgm")), image.to_pgm()).unwrap();
     }
     fn configuration(&self, text: &str) -> PathBuf {
         let path = self.0.join("drone.toml");
-        std::fs::write(&path, text).unwrap();
+        fs::write(&path, text).unwrap();
         path
     }
 }
 
 impl Drop for Directory {
     fn drop(&mut self) {
-        let _gone = std::fs::remove_dir_all(&self.0);
+        let _gone = fs::remove_dir_all(&self.0);
     }
 }
 

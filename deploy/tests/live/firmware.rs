@@ -1,5 +1,6 @@
 //! Landings of all processes with a drone flown by the tests' own firmware, which uses ArduPilot's JSON backend or
 //! PX4's simulator API towards the world and MAVLink towards `alight autopilot`, with its own origin.
+use std::fs;
 use std::io::ErrorKind::WouldBlock;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
@@ -9,10 +10,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use alight_shared::frames::yaw_rotation;
 use alight_shared::geodesy::Datum;
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
 use alight_shared::msg::AutopilotMode;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::{Time, WorldTime};
 use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::stand_in;
 use alight_sim::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState};
@@ -22,7 +24,7 @@ use alight_uav::autopilot::modes::Firmware;
 use alight_uav::autopilot::wire::Decoder;
 
 use crate::common::{errors, free_port, printed, run};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use serde_json::Value;
 
 /// Position of the sea of `alight land`, and the origin of this firmware's estimate.
@@ -104,7 +106,7 @@ struct Controls {
     flight: FirmwareFlight,
     pad: Vector3<f64>,
     taken_off: bool,
-    slice: Option<Time<TrueTime>>,
+    slice: Option<WorldTime>,
     pressed: bool,
 }
 
@@ -115,7 +117,8 @@ fn on_pad(firmware: Firmware, at: &PlantState) -> SimulatedAutopilot {
         loss_after_s: 0.5,
         ..AutopilotConfig::default()
     };
-    let (g, n) = (DroneGeometry::default(), NavigationConfig::without_errors());
+    let g = DroneGeometry::default();
+    let n = NavigationConfig::without_errors();
     let hover = g.mass_kg * GRAVITY / g.max_thrust_n;
     let mut a = SimulatedAutopilot::new(&c, &n, &g, &Streams::new(1), at, hover);
     a.origin = ORIGIN;
@@ -178,8 +181,11 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
     let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
     socket.connect(("127.0.0.1", plant)).unwrap();
     socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-    let (mut frame, mut outputs, mut buffer) = (0_u32, [0.0; MAX_ROTORS], [0_u8; 4096]);
-    let (mut asked, mut newest) = (false, None);
+    let mut frame = 0_u32;
+    let mut outputs = [0.0; MAX_ROTORS];
+    let mut buffer = [0_u8; 4096];
+    let mut asked = false;
+    let mut newest = None;
     while !end.load(Ordering::Relaxed) {
         if !asked {
             let _unsent = socket.send(&stand_in::servo_packet(frame, outputs));
@@ -195,7 +201,8 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
         if newest.replace(sensed.at).is_some_and(|at| sensed.at <= at) {
             continue;
         }
-        (asked, frame) = (false, frame + 1);
+        asked = false;
+        frame += 1;
         sensed.position += local;
         outputs = flown.step(&sensed).unwrap_or_default();
     }
@@ -204,16 +211,19 @@ fn fly_json(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
 
 /// Serves PX4's simulator API until `end`, with a separate estimator, because that API provides only sensor data.
 fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
-    let (mut decoder, mut buffer, mut believed) = (Decoder::default(), [0_u8; 4096], None::<PlantState>);
-    let (mut stream, mut sample) = (None::<TcpStream>, 0_u32);
+    let mut decoder = Decoder::default();
+    let mut buffer = [0_u8; 4096];
+    let mut believed = None::<PlantState>;
+    let mut stream = None::<TcpStream>;
+    let mut sample = 0_u32;
     while !end.load(Ordering::Relaxed) {
         let Some(link) = &mut stream else {
             std::thread::sleep(Duration::from_millis(20));
             stream = TcpStream::connect(("127.0.0.1", plant)).ok();
-            stream.iter().for_each(|s| {
+            if let Some(s) = &stream {
                 s.set_nodelay(true).unwrap();
                 s.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
-            });
+            }
             continue;
         };
         if let Ok(n) = link.read(&mut buffer) {
@@ -240,7 +250,7 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
                         // On the pad: level, with the heading of the compass.
                         let m = s.magnetometer;
                         let yaw = FIELD_DECLINATION - m[1].atan2(m[0]);
-                        b.attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw);
+                        b.attitude = yaw_rotation(yaw);
                         continue;
                     }
                     stand_in::advance(b, &s, dt);
@@ -249,7 +259,8 @@ fn fly_hil(plant: u16, mut flown: Controls, end: &AtomicBool) -> Controls {
                     if !sample.is_multiple_of(PX4_ANSWERS) {
                         continue;
                     }
-                    let (armed, u) = (motors.is_some(), motors.unwrap_or_default());
+                    let armed = motors.is_some();
+                    let u = motors.unwrap_or_default();
                     let _gone = link.write_all(&stand_in::motor_answer(s.time_us, u, armed));
                 }
                 _ => {}
@@ -318,9 +329,10 @@ impl StandIn {
             }
         };
         let config = std::env::temp_dir().join(format!("{name}-plant.toml"));
-        std::fs::write(&config, format!("port = {plant}\n")).unwrap();
+        fs::write(&config, format!("port = {plant}\n")).unwrap();
         let end = Arc::new(AtomicBool::new(false));
-        let (stop, flight) = (Arc::clone(&end), flight.clone());
+        let stop = Arc::clone(&end);
+        let flight = flight.clone();
         let flown = std::thread::spawn(move || {
             let controls = Controls::new(flight, link);
             match firmware {
@@ -338,7 +350,7 @@ impl StandIn {
     }
     pub fn end(self) -> SimulatedAutopilot {
         self.end.store(true, Ordering::Relaxed);
-        let _removed = std::fs::remove_file(self.config);
+        let _removed = fs::remove_file(self.config);
         self.flown.join().unwrap().a.expect("it never flew")
     }
 }
@@ -349,7 +361,7 @@ pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
         Firmware::ArduCopter => "",
         Firmware::Px4 => GOOD_SENSORS,
     };
-    std::fs::write(&scene, scenario).unwrap();
+    fs::write(&scene, scenario).unwrap();
     let stand_in = StandIn::start(name, flight);
     let out = run(format!(
         "land --autopilot {} --external --connect {} --firmware {} --scenario {} --warm-up 15 --json --instance {name} {}",
@@ -360,7 +372,7 @@ pub fn fly(name: &str, flight: &FirmwareFlight) -> FirmwareOutcome {
         flight.flags
     ));
     let autopilot = stand_in.end();
-    let _removed = std::fs::remove_file(scene);
+    let _removed = fs::remove_file(scene);
     // The flight proves nothing if the computer did not keep up.
     assert_ne!(out.status.code(), Some(3), "{}", errors(&out));
     FirmwareOutcome {

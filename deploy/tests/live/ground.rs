@@ -30,7 +30,9 @@ impl GroundStation {
         let ends = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&ends);
         let thread = std::thread::spawn(move || {
-            let (mut decoder, mut kept, mut buffer) = (Decoder::default(), Vec::new(), [0; 2048]);
+            let mut decoder = Decoder::default();
+            let mut kept = Vec::new();
+            let mut buffer = [0; 2048];
             while !ended.load(Ordering::Relaxed) {
                 if let Ok(n) = socket.recv(&mut buffer) {
                     decoder.push(&buffer[..n]);

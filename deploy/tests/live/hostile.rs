@@ -188,7 +188,8 @@ impl Attack {
         let mut overheard = Overheard::listen(&session);
         overheard.until_all_keys();
         let end = Arc::<AtomicBool>::default();
-        let (ended, samples) = (Arc::clone(&end), overheard.samples);
+        let ended = Arc::clone(&end);
+        let samples = overheard.samples;
         let thread = std::thread::spawn(move || {
             let mut dice = Dice(1);
             while !ended.load(Ordering::Relaxed) {

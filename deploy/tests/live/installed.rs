@@ -128,7 +128,8 @@ impl Installed {
             let peers: Vec<String> = peers.iter().map(|p| (*p).to_owned()).collect();
             tls.insert("peers".into(), peers.into());
         };
-        let (mut vessel, mut drone) = (shipped("vessel"), shipped("drone"));
+        let mut vessel = shipped("vessel");
+        let mut drone = shipped("drone");
         radio(&mut vessel, "vessel-1", &["drone-1", "operator-1"], "listen");
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
         vessel.insert("instance".into(), format!("v{instance}").into());
@@ -226,7 +227,8 @@ impl Installed {
         run("drone", format!("command {order} --json --config {config}"))
     }
     fn ashore(&self, order: &str, keys: &str) -> String {
-        let (endpoint, keys) = (&self.endpoint, self.file(keys));
+        let endpoint = &self.endpoint;
+        let keys = self.file(keys);
         format!("command {order} --json --vessel {endpoint} --keys {keys}")
     }
     fn status(&self) -> Value {
@@ -375,11 +377,14 @@ impl RadioPath {
         vessel
             .connect(endpoint.trim_start_matches("quic/"))
             .expect("an address");
-        let (silent, end) = (Arc::<AtomicBool>::default(), Arc::<AtomicBool>::default());
+        let silent = Arc::<AtomicBool>::default();
+        let end = Arc::<AtomicBool>::default();
         let who = Arc::new(Mutex::new(None));
         let ways = [true, false].map(|there| {
             let [drone, vessel] = [&drone, &vessel].map(|s| s.try_clone().expect("a socket"));
-            let (silent, end, who) = (Arc::clone(&silent), Arc::clone(&end), Arc::clone(&who));
+            let silent = Arc::clone(&silent);
+            let end = Arc::clone(&end);
+            let who = Arc::clone(&who);
             std::thread::spawn(move || {
                 let socket = if there { &drone } else { &vessel };
                 socket

@@ -1,5 +1,6 @@
 //! Live processes, each test with a separate instance on the loopback interface.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Output};
 use std::time::Duration;
@@ -112,7 +113,7 @@ fn replay_to(flight: &Path, recording: &Path) {
 /// Asserts that the instance has left no process, no file in shared memory and no directory.
 fn assert_gone(instance: &str, pids: &[u64]) {
     for pid in pids {
-        let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        let state = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
         assert!(
             state.is_empty() || state.contains(") Z"),
             "process {pid} still runs: {state}"
@@ -120,7 +121,7 @@ fn assert_gone(instance: &str, pids: &[u64]) {
     }
     let prefix = format!("alight_{instance}_");
     for place in ["/dev/shm", "/tmp"] {
-        let left: Vec<_> = std::fs::read_dir(place)
+        let left: Vec<_> = fs::read_dir(place)
             .into_iter()
             .flatten()
             .flatten()
@@ -138,17 +139,15 @@ pub fn outcome(out: &Output) -> Value {
 }
 
 fn logs(directory: &Path) -> usize {
-    std::fs::read_dir(directory)
-        .expect("a directory")
-        .flatten()
-        .count()
+    fs::read_dir(directory).expect("a directory").flatten().count()
 }
 
 #[test]
 fn replay_of_a_landing_among_hostile_packets() {
     let name = instance("lands");
     let log = std::env::temp_dir().join(format!("alight-live-log-{name}"));
-    let (recording, plot) = (log.with_extension("mcap"), log.with_extension("svg"));
+    let recording = log.with_extension("mcap");
+    let plot = log.with_extension("svg");
     let station = GroundStation::listen();
     let child = land(
         &name,
@@ -195,7 +194,7 @@ fn replay_of_a_landing_among_hostile_packets() {
     let merged = log.with_extension("flight.mcap");
     replay_to(&log, &merged);
     replay(&merged);
-    std::fs::remove_file(&merged).expect("removed");
+    fs::remove_file(&merged).expect("removed");
     for node in ["supervisor"].iter().chain(&PROCESSES[1..]) {
         assert!(text.contains(node), "{node}: {text}");
     }
@@ -204,10 +203,10 @@ fn replay_of_a_landing_among_hostile_packets() {
         [&log, &recording].map(|path| printed(&run(format!("calibrate drone {} --json", path.display()))));
     assert!(of_flight.contains("\"identified\":true"), "{of_flight}");
     assert_eq!(of_flight, of_recording);
-    assert!(std::fs::read_to_string(&plot).expect("a plot").contains("<svg"));
-    std::fs::remove_dir_all(&log).expect("removed");
-    std::fs::remove_file(&recording).expect("removed");
-    std::fs::remove_file(&plot).expect("removed");
+    assert!(fs::read_to_string(&plot).expect("a plot").contains("<svg"));
+    fs::remove_dir_all(&log).expect("removed");
+    fs::remove_file(&recording).expect("removed");
+    fs::remove_file(&plot).expect("removed");
 }
 
 /// Ends a process by SIGKILL; returns the status once a new process has replaced it and `wanted` is true.
@@ -221,13 +220,13 @@ fn killed(instance: &str, process: &str, old: u64, wanted: impl Fn(&Value) -> bo
 /// Asserts that a pilot whose recording directory cannot be written continues, and records once it can.
 fn assert_unwritable_recorder(instance: &str, log: &Path) {
     // Root ignores permissions, so a file takes the place of the directory.
-    std::fs::rename(log, log.with_extension("before")).expect("moved");
-    std::fs::write(log, "").expect("written");
+    fs::rename(log, log.with_extension("before")).expect("moved");
+    fs::write(log, "").expect("written");
     let old = pid(&status(instance), "pilot").expect("it runs");
     let unrecorded = |s: &Value| s["metrics"]["pilot"]["steps_not_recorded"].as_u64() > Some(0);
     let shown = killed(instance, "pilot", old, unrecorded);
-    std::fs::remove_file(log).expect("removed");
-    let records = |_: &Value| std::fs::read_dir(log).is_ok_and(|files| files.count() > 0);
+    fs::remove_file(log).expect("removed");
+    let records = |_: &Value| fs::read_dir(log).is_ok_and(|files| files.count() > 0);
     let later = status_when(instance, records);
     assert_eq!(
         pid(&later, "pilot"),
@@ -238,7 +237,8 @@ fn assert_unwritable_recorder(instance: &str, log: &Path) {
 
 #[test]
 fn killed_and_frozen_processes_and_an_interrupt() {
-    let (name, port) = (instance("killed"), free_port());
+    let name = instance("killed");
+    let port = free_port();
     let log = scratch("killed-log");
     let flags = format!("--link clean --view=127.0.0.1:{port} --log {}", log.display());
     let mut first = land(&name, &format!("--warm-up 600 {flags}"));
@@ -300,7 +300,7 @@ fn killed_and_frozen_processes_and_an_interrupt() {
     let left = status(&name);
     assert!(left["running"] == false && left["worst"] == "warning", "{left}");
     for directory in [log.with_extension("before"), log] {
-        std::fs::remove_dir_all(directory).expect("removed");
+        fs::remove_dir_all(directory).expect("removed");
     }
 }
 

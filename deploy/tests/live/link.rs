@@ -16,7 +16,8 @@ fn ip(arguments: &str) -> Output {
 }
 
 fn spaces(name: &str) -> Vec<String> {
-    let (prefix, text) = (format!("alight-{name}-"), printed(&ip("netns list")));
+    let prefix = format!("alight-{name}-");
+    let text = printed(&ip("netns list"));
     text.lines()
         .filter(|l| l.starts_with(&prefix))
         .map(String::from)
@@ -41,7 +42,8 @@ fn landing_over_the_emulated_storm() {
         "land --json --sea calm --warm-up 20 --link storm --emulate always --verbose --instance {name}"
     ));
     let out = child.wait_with_output().expect("ends");
-    let (output, errors) = (printed(&out), errors(&out));
+    let output = printed(&out);
+    let errors = errors(&out);
     let outcome: Value = serde_json::from_str(output.lines().last().unwrap_or_default()).expect("an outcome");
     assert_eq!(outcome["outcome"], "success", "{outcome}\n{errors}");
     // More than a thousand packets at 30 %: the standard error is 1.5 %.

@@ -33,7 +33,8 @@ fn drone(endpoint: &str) -> Radio {
 
 /// Lets both sides send until each has received the other's newest message.
 fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
-    let (mut at_vessel, mut at_drone) = (false, false);
+    let mut at_vessel = false;
+    let mut at_drone = false;
     for _ in 0..600 {
         vessel.send(0, vec![mark; 300]);
         drone.send(0, vec![mark; 30]);

@@ -1,6 +1,7 @@
 //! Landing at Moderate with the makers' own firmware flying the simulated drone, if its program is on this computer.
 //! `firmware.rs` flies the same plant with the tests' own firmware.
 
+use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::path::{Path, PathBuf};
@@ -59,7 +60,9 @@ impl Link {
                 if stream.is_none() {
                     *stream = TcpStream::connect(("127.0.0.1", *port)).ok();
                     let wait = Some(Duration::from_millis(100));
-                    stream.iter().for_each(|s| s.set_read_timeout(wait).unwrap());
+                    if let Some(s) = stream {
+                        s.set_read_timeout(wait).unwrap();
+                    }
                 }
                 stream.as_mut().and_then(|s| s.read(&mut buffer).ok())
             }
@@ -234,17 +237,18 @@ fn ports() -> u16 {
 fn flight(firmware: Firmware, program: &Path) -> bool {
     let name = format!("own-{}-{}", firmware as u8, std::process::id());
     let directory = std::env::temp_dir().join(&name);
-    std::fs::create_dir_all(&directory).unwrap();
+    fs::create_dir_all(&directory).unwrap();
     let plant = match firmware {
         Firmware::ArduCopter => free_port(),
         Firmware::Px4 => 4560 + u16::from(PX4_INSTANCE),
     };
     let config = directory.join("plant.toml");
-    std::fs::write(&config, format!("port = {plant}\n")).unwrap();
+    fs::write(&config, format!("port = {plant}\n")).unwrap();
     let (kind, running, link, connect) = match firmware {
         Firmware::ArduCopter => {
-            let (base, parameters) = (ports(), directory.join("copter.parm"));
-            std::fs::write(&parameters, COPTER).unwrap();
+            let base = ports();
+            let parameters = directory.join("copter.parm");
+            fs::write(&parameters, COPTER).unwrap();
             let mut command = Command::new(program);
             command
                 .args(["--model", "JSON:127.0.0.1", "--home", "43.5,16.3,0,0", "--wipe"])
@@ -291,7 +295,8 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     end.store(true, Ordering::Relaxed);
     let person = person.join().unwrap();
     drop(running);
-    let (errors, text) = (errors(&out), printed(&out));
+    let errors = errors(&out);
+    let text = printed(&out);
     let outcome: serde_json::Value = serde_json::from_str(text.lines().last().unwrap_or("null")).unwrap();
     println!("{outcome}");
     let success = outcome["outcome"] == "success";
@@ -302,7 +307,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
     if success {
         assert!(!person.armed, "it was not disarmed: {:#?}", person.texts);
     }
-    let _removed = std::fs::remove_dir_all(&directory);
+    let _removed = fs::remove_dir_all(&directory);
     success
 }
 

@@ -1,14 +1,14 @@
 //! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time: `cargo test
 //! --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::service::Service;
-use alight_shared::config;
 use alight_shared::msg::{Header, SensorReadings};
-use alight_shared::wire;
+use alight_shared::{config, wire};
 use alight_transport::memory::{Instance, Memory};
 use alight_usv::ComputerIn;
 use alight_usv::sensors::Readings;
@@ -29,10 +29,10 @@ struct Vessel {
 impl Drop for Vessel {
     fn drop(&mut self) {
         if !std::thread::panicking() {
-            let _left = std::fs::remove_dir_all(&self.directory);
+            let _left = fs::remove_dir_all(&self.directory);
             let instance = Instance::new(&self.instance).expect("a name");
             let _left = instance.wipe();
-            let _left = std::fs::remove_dir_all(instance.directory());
+            let _left = fs::remove_dir_all(instance.directory());
         }
     }
 }
@@ -40,8 +40,8 @@ impl Drop for Vessel {
 impl Vessel {
     fn prepare(name: &str) -> Vessel {
         let directory = scratch(name);
-        let _none = std::fs::remove_dir_all(&directory);
-        std::fs::create_dir_all(&directory).expect("made");
+        let _none = fs::remove_dir_all(&directory);
+        fs::create_dir_all(&directory).expect("made");
         // The shared memory has a separate directory.
         let instance = instance(&format!("v-{name}"));
         let config = directory.join("vessel.toml");
@@ -51,7 +51,7 @@ impl Vessel {
             free_udp(),
             flights.display()
         );
-        std::fs::write(&config, text).expect("written");
+        fs::write(&config, text).expect("written");
         let computer = config::load(&config).expect("read");
         deck_file::write_first(&directory, &computer).expect("written");
         let readings = readings(&directory);
@@ -66,7 +66,7 @@ impl Vessel {
     }
     fn memory(&self) -> Option<Memory> {
         let instance = Instance::new(&self.instance).expect("a name");
-        let owner = std::fs::read_to_string(instance.directory().join("ready")).ok()?;
+        let owner = fs::read_to_string(instance.directory().join("ready")).ok()?;
         let lives = Path::new("/proc").join(owner).exists();
         lives.then(|| Memory::join(&instance, "test").expect("joined"))
     }
@@ -79,7 +79,9 @@ impl Vessel {
             .map(|m| m.publisher::<SensorReadings>().expect("opened"));
         for readings in self.readings.iter().cycle().take((ms / 10) as usize) {
             for message in readings.messages(&mut Header::default()) {
-                sensors.iter_mut().for_each(|s| s.send(&message));
+                if let Some(s) = &mut sensors {
+                    s.send(&message);
+                }
             }
             std::thread::sleep(Duration::from_millis(10));
         }
@@ -95,7 +97,7 @@ impl Vessel {
             let Some(part) = part.filter(|_| found.len() == flights) else {
                 continue;
             };
-            let bytes = std::fs::metadata(part).map_or(0, |m| m.len());
+            let bytes = fs::metadata(part).map_or(0, |m| m.len());
             // The configuration precedes the first steps.
             if bytes > 0 && bytes > *beginning.get_or_insert(bytes) {
                 return;
@@ -120,21 +122,22 @@ fn is_of_the_estimator(file: &Path) -> bool {
 }
 
 fn below(directory: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     entries.map(|e| e.path()).collect()
 }
 
 fn readings(directory: &Path) -> Vec<Readings> {
-    let (recording, scenario) = (directory.join("trial.mcap"), directory.join("trial.toml"));
-    std::fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
+    let recording = directory.join("trial.mcap");
+    let scenario = directory.join("trial.toml");
+    fs::write(&scenario, "[start]\nwarm_up_s = 5.0\nhover_s = 1.0\n").expect("written");
     let out = run(format!(
         "trial --json --scenario {} --record {}",
         scenario.display(),
         recording.display()
     ));
     assert!(out.status.code().is_some_and(|c| c < 2), "{}", errors(&out));
-    let file = std::fs::read(&recording).expect("read");
-    std::fs::remove_file(&recording).expect("removed");
+    let file = fs::read(&recording).expect("read");
+    fs::remove_file(&recording).expect("removed");
     let messages = mcap::MessageStream::new(&file).expect("a recording");
     let vessel = messages.map(|m| m.expect("whole"));
     vessel
@@ -153,13 +156,10 @@ fn utc_ns() -> u64 {
 
 /// Time of the newest step in a flight, time of day, ns, without the incomplete ends of its files.
 fn newest_ns(flight: &Path) -> u64 {
-    let files = std::fs::read_dir(flight)
-        .expect("read")
-        .flatten()
-        .map(|f| f.path());
+    let files = fs::read_dir(flight).expect("read").flatten().map(|f| f.path());
     let parts = files.filter(|f| is_of_the_estimator(f));
     let newest = |path: PathBuf| {
-        let file = std::fs::read(path).expect("read");
+        let file = fs::read(path).expect("read");
         // Repaired files have an end.
         let messages = mcap::MessageStream::new(&file).expect("a part");
         messages.map(|m| m.expect("whole").log_time).max()

@@ -1,6 +1,7 @@
 //! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial lines,
 //! the camera by its images, and a vessel's service that is killed while the drone follows.
 
+use std::fs;
 use std::io::{BufRead, BufReader};
 
 use alight_uav::autopilot::modes::Firmware;
@@ -12,7 +13,7 @@ use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
 /// Temporary files and shared memory left behind by a rehearsal with this process id.
 fn left(pid: u32) -> Vec<String> {
     let places = [std::env::temp_dir(), "/dev/shm".into()];
-    let entries = places.iter().filter_map(|p| std::fs::read_dir(p).ok()).flatten();
+    let entries = places.iter().filter_map(|p| fs::read_dir(p).ok()).flatten();
     let names = entries
         .flatten()
         .map(|e| e.file_name().to_string_lossy().into_owned());
@@ -83,9 +84,9 @@ fn interrupted_rehearsal() {
     assert!(lines.any(|l| l == "stopped"));
     assert_eq!(child.wait().expect("it ends").code(), Some(1));
     assert_eq!(left(pid), [""; 0]);
-    let processes = std::fs::read_dir("/proc").expect("processes").flatten();
+    let processes = fs::read_dir("/proc").expect("processes").flatten();
     let ours = processes.filter(|p| {
-        let arguments = std::fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
+        let arguments = fs::read_to_string(p.path().join("cmdline")).unwrap_or_default();
         arguments.contains(&format!("alight-rehearsal-{pid}"))
     });
     assert_eq!(ours.count(), 0);

@@ -203,7 +203,8 @@ fn assert_orders(client: &zenoh::Session, name: &str, instance: &str) {
 
 #[test]
 fn ros2_node_of_a_landing() {
-    let (instance, port) = (instance("ros2"), free_tcp_port());
+    let instance = instance("ros2");
+    let port = free_tcp_port();
     // The node starts before everything that it needs.
     let node = Node::start(&instance, port);
     node.prints("no router at");

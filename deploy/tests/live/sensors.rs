@@ -1,5 +1,6 @@
 //! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process at the
 //! other; links and decoders have separate tests.
+use std::fs;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -33,7 +34,7 @@ impl Sensors {
         let memory = Memory::join(&instance, "test").unwrap();
         let services = Services::create(&memory).unwrap();
         let config = scratch(&format!("{name}.toml"));
-        std::fs::write(&config, format!("instance = \"{name}\"\n{sources}")).unwrap();
+        fs::write(&config, format!("instance = \"{name}\"\n{sources}")).unwrap();
         let child = alight(format!("sensors --supervised --config {}", config.display()))
             .stdin(Stdio::piped())
             .spawn()
@@ -69,8 +70,8 @@ impl Drop for Sensors {
         drop(self.program.0.stdin.take());
         let _ended = self.program.0.wait();
         let _left = self.instance.wipe();
-        let _left = std::fs::remove_dir_all(self.instance.directory());
-        let _left = std::fs::remove_file(&self.config);
+        let _left = fs::remove_dir_all(self.instance.directory());
+        let _left = fs::remove_file(&self.config);
     }
 }
 
@@ -102,9 +103,10 @@ fn send_sentences(to: &str, ended: &Receiver<()>) {
 
 #[test]
 fn vessel_process_with_its_sensors() {
-    let (udp, radio) = (free_udp(), free_udp());
+    let udp = free_udp();
+    let radio = free_udp();
     let directory = scratch("sensors-vessel");
-    std::fs::create_dir_all(&directory).unwrap();
+    fs::create_dir_all(&directory).unwrap();
     let config = directory.join("vessel.toml");
     let flights = directory.join("flights");
     let text = format!(
@@ -114,7 +116,7 @@ fn vessel_process_with_its_sensors() {
         instance("mast"),
         flights.display()
     );
-    std::fs::write(&config, text).unwrap();
+    fs::write(&config, text).unwrap();
     let mut program = service("vessel", &directory, &[]);
     let (end, ended) = std::sync::mpsc::channel();
     let to = udp.clone();
@@ -157,7 +159,8 @@ fn vessel_process_with_its_sensors() {
             .as_u64()
             .unwrap_or(0)
     };
-    let (killed, before) = (pid(&status, "sensors").expect("it runs"), good(&status));
+    let killed = pid(&status, "sensors").expect("it runs");
+    let before = good(&status);
     signal(killed, "-STOP");
     status_when(
         &config,
@@ -176,7 +179,7 @@ fn vessel_process_with_its_sensors() {
     end.send(()).unwrap();
     mast.join().unwrap();
     // Replays of both starts of the sensors, including the killed one, compute the same measurements.
-    let flight = std::fs::read_dir(&flights).unwrap().flatten().next().unwrap();
+    let flight = fs::read_dir(&flights).unwrap().flatten().next().unwrap();
     let replay = run(format!("replay {} --json", flight.path().display()));
     assert!(replay.status.success(), "{}", errors(&replay));
     let replay: Value = serde_json::from_slice(&replay.stdout).unwrap();
@@ -191,5 +194,5 @@ fn vessel_process_with_its_sensors() {
         starts.len() == 2 && starts.iter().all(|n| n["steps"].as_u64() > Some(20)),
         "{replay}"
     );
-    std::fs::remove_dir_all(directory).unwrap();
+    fs::remove_dir_all(directory).unwrap();
 }

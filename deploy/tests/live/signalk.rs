@@ -89,7 +89,9 @@ fn sensor_process_on_a_signalk_server() {
         );
         socket.send(Message::text(delta)).unwrap();
         std::thread::sleep(Duration::from_millis(5));
-        readings.all(0).iter().for_each(|m| all.append(m));
+        for m in &readings.all(0) {
+            all.append(m);
+        }
         if all.attitude.len() >= 20 && all.heading.len() >= 20 {
             break;
         }

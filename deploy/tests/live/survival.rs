@@ -6,10 +6,9 @@ use std::path::PathBuf;
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::service::Service;
-use alight_shared::config;
 use alight_shared::msg::{Closure, DroneStatus, Header, State};
 use alight_shared::time::Time;
-use alight_shared::wire;
+use alight_shared::{config, wire};
 use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
 use alight_usv::VesselCheckpoint;
 use alight_usv::deck::Claim;
@@ -206,7 +205,8 @@ fn occupied_and_closed_deck_of_a_killed_vessel() {
         })
     };
     let status = again(&mut process);
-    let (owner, occupied) = (&status["vessel"]["deck_owner"], &status["vessel"]["occupied"]);
+    let owner = &status["vessel"]["deck_owner"];
+    let occupied = &status["vessel"]["occupied"];
     assert!(owner == 1 && occupied == true, "{status}");
 
     vessel.command_deck("closed");

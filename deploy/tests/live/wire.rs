@@ -1,5 +1,6 @@
 //! Radio for other programs, late peers, and a router between vessel and drone.
 
+use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
@@ -82,7 +83,8 @@ fn text(sample: &Sample) -> String {
 /// Asserts that both receive the other's message, sent repeatedly.
 #[track_caller]
 fn assert_exchange(vessel: &mut Radio, drone: &mut Radio, mark: u8) {
-    let (mut at_vessel, mut at_drone) = (false, false);
+    let mut at_vessel = false;
+    let mut at_drone = false;
     assert_until("vessel and drone do not receive each other", || {
         vessel.send(0, vec![mark; 300]);
         drone.send(0, vec![mark; 30]);
@@ -186,7 +188,7 @@ fn drone_that_comes_late() {
     assert_until("the drone sees a vessel that has gone", || {
         sees(&drone, Sender::Vessel(1)) == 0
     });
-    std::fs::remove_dir_all(&keys).expect("removed");
+    fs::remove_dir_all(&keys).expect("removed");
 }
 
 #[test]
@@ -230,7 +232,7 @@ fn answer_on_the_key_of_another_vessel() {
         }
     }
     assert_eq!((own_key, drone.counts().asked), (100, 0));
-    std::fs::remove_dir_all(&keys).expect("removed");
+    fs::remove_dir_all(&keys).expect("removed");
 }
 
 #[test]
@@ -238,7 +240,8 @@ fn router_that_comes_late_and_starts_again() {
     let endpoint = format!("tcp/127.0.0.1:{}", free_tcp_port());
     let config = through(&endpoint, TlsConfig::default());
     // Neither side waits for a missing router.
-    let (mut vessel, mut drone) = (vessel(&config), drone(&config));
+    let mut vessel = vessel(&config);
+    let mut drone = drone(&config);
     vessel.hold(0, vec![0; 10]);
     vessel.send(0, vec![0; 10]);
     assert_eq!(vessel.counts().unsent, 1);
@@ -269,7 +272,7 @@ fn router_with_certificates() {
     let endpoint = format!("quic/{}", free_udp());
     // The shipped file, with this test's address and files.
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("vessel/zenohd.json5");
-    let shipped = std::fs::read_to_string(shipped).expect("the shipped file");
+    let shipped = fs::read_to_string(shipped).expect("the shipped file");
     let text = shipped
         .replace("quic/0.0.0.0:7447", &endpoint)
         .replace("/etc/alight/keys", &keys.join("vessel-9").display().to_string());
@@ -318,5 +321,5 @@ fn router_with_certificates() {
         assert!(unauthorised.receive(Duration::from_millis(1)).is_none());
     }
     assert_exchange(&mut vessel, &mut drone, 3);
-    std::fs::remove_dir_all(&keys).expect("removed");
+    fs::remove_dir_all(&keys).expect("removed");
 }

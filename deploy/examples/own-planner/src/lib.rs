@@ -4,7 +4,7 @@
 
 use alight_shared::geometry::GRAVITY;
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use alight_uav::planner::law::Law;
 use alight_uav::planner::model::{ModelState, tilt_of};
 use alight_uav::planner::reference::PlanReference;
@@ -26,13 +26,15 @@ impl Law for Ride {
     /// None leaves the plan to the common planner, which flies to the vessel.
     fn own_plan(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         _start: Option<(ModelState, f64)>,
     ) -> Option<Plan> {
-        let (drone, forecast) = (self.drone?, forecast?);
-        let (level, lands) = (forecast.mean_z?, mission.descent_mps > 0.0);
+        let drone = self.drone?;
+        let forecast = forecast?;
+        let level = forecast.mean_z?;
+        let lands = mission.descent_mps > 0.0;
         if !matches!(mission.state.phase(), Phase::Follow | Phase::Landing) {
             return None;
         }
@@ -49,7 +51,8 @@ impl Law for Ride {
             }
             Some(goal)
         };
-        let (start, yaw) = (goal(0.0)?, drone.euler().z);
+        let start = goal(0.0)?;
+        let yaw = drone.euler().z;
         let mut plan = Plan {
             step: Span::from_secs(STEP_S),
             ..Plan::default()
@@ -63,7 +66,8 @@ impl Law for Ride {
             for i in 0..3 {
                 let gap = drone.position[i] - start[0][i];
                 let slope = drone.velocity[i] - start[1][i] + rate * gap;
-                let (left, decay) = (gap + slope * t, (-rate * t).exp());
+                let left = gap + slope * t;
+                let decay = (-rate * t).exp();
                 position[i] += left * decay;
                 velocity[i] += (slope - rate * left) * decay;
                 acceleration[i] += rate * (rate * left - 2.0 * slope) * decay;

@@ -56,7 +56,8 @@ impl AnsweringChild {
             .map_err(|e| format!("cannot be started: {e}"))?;
         let (to, lines) = sync_channel(1);
         let (from, answers) = sync_channel(1);
-        let (input, output) = (child.stdin.take(), child.stdout.take());
+        let input = child.stdin.take();
+        let output = child.stdout.take();
         // Both threads end with the child's pipes.
         thread::spawn(move || input.map(|input| write(input, &lines)));
         thread::spawn(move || output.map(|output| read(output, &from)));
@@ -73,9 +74,10 @@ impl AnsweringChild {
         if self.answers.try_recv().is_ok() {
             return Err("wrote a line that answers no input".into());
         }
-        let limit_s = match self.has_answered {
-            true => self.limits.next_s,
-            false => self.limits.first_s,
+        let limit_s = if self.has_answered {
+            self.limits.next_s
+        } else {
+            self.limits.first_s
         };
         let began_ns = steady_ns();
         if self.to.try_send(line).is_err() {

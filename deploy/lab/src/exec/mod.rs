@@ -11,7 +11,7 @@ mod tests;
 use alight_computer::terminal::note;
 use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
 use alight_shared::schema::{self, LineFormat};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span, Time};
 use alight_shared::topics;
 use alight_sim::baselines::own::{OwnLaw, OwnReport, Reported};
 use alight_uav::planner::law::Law;
@@ -62,7 +62,7 @@ struct ExecLaw {
     limits: Limits,
     drone: Option<DroneState>,
     /// End of the newest solve that took longer than a period.
-    solved_at: Time<DroneClock>,
+    solved_at: DroneTime,
     /// The newest answer leaves the plan to the common planner.
     common: bool,
 }
@@ -78,11 +78,7 @@ impl ExecLaw {
             common: false,
         }
     }
-    fn answer(
-        &mut self,
-        now: Time<DroneClock>,
-        input: &PlannerInput<'_>,
-    ) -> Option<Result<(Answer, Span), String>> {
+    fn answer(&mut self, now: DroneTime, input: &PlannerInput<'_>) -> Option<Result<(Answer, Span), String>> {
         let asked = ask(self.child.as_mut()?, input);
         Some(asked.and_then(|(line, took)| Ok((PlannerAnswer::read(&line, now)?, took))))
     }
@@ -97,7 +93,7 @@ impl Law for ExecLaw {
     }
     fn own_plan(
         &mut self,
-        now: Time<DroneClock>,
+        now: DroneTime,
         mission: &MissionState,
         forecast: Option<&DeckForecast>,
         _start: Option<(ModelState, f64)>,

@@ -67,7 +67,8 @@ impl PredictorAnswer {
                 return Err("answered with an invalid choice: give one of stages and none".into());
             }
         };
-        let (given, wanted) = (stages.len(), own.stages.len());
+        let given = stages.len();
+        let wanted = own.stages.len();
         if given != wanted {
             return Err(format!("answered with {given} stages instead of {wanted}"));
         }

@@ -5,7 +5,7 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span, Time};
 use alight_uav::planner::PlannerConfig;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -143,7 +143,7 @@ impl Limits {
 
 impl<'a> PlannerInput<'a> {
     pub fn of(
-        now: Time<DroneClock>,
+        now: DroneTime,
         (m, d): (&MissionState, &DroneState),
         forecast: Option<&'a DeckForecast>,
         limits: Limits,
@@ -234,9 +234,10 @@ pub fn parsed<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
     })
 }
 pub fn of_version(version: u32, wanted: u32) -> Result<(), String> {
-    match version == wanted {
-        true => Ok(()),
-        false => Err(format!("answered in version {version} instead of {wanted}")),
+    if version == wanted {
+        Ok(())
+    } else {
+        Err(format!("answered in version {version} instead of {wanted}"))
     }
 }
 
@@ -249,14 +250,14 @@ pub enum Answer {
 }
 
 impl PlannerAnswer {
-    pub fn read(line: &[u8], now: Time<DroneClock>) -> Result<Answer, String> {
+    pub fn read(line: &[u8], now: DroneTime) -> Result<Answer, String> {
         let answer: PlannerAnswer = parsed(line)?;
         of_version(answer.version, PLANNER_VERSION)?;
         answer
             .checked(now)
             .map_err(|e| format!("answered with an invalid {e}"))
     }
-    fn checked(self, now: Time<DroneClock>) -> Result<Answer, String> {
+    fn checked(self, now: DroneTime) -> Result<Answer, String> {
         let bounded = |value: Option<f64>, max: f64| value.is_none_or(|s| (0.0..=max).contains(&s));
         let (stages, step_s) = match (self.stages, self.none, self.common.unwrap_or(false)) {
             (None, Some(why), false) => return Ok(Answer::None(why.chars().take(MAX_REASON).collect())),

@@ -1,11 +1,12 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::fs;
 use std::path::Path;
 
 use alight_shared::msg::{DeckForecast, DeckStage, Plan};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
-use alight_shared::time::TrueTime;
+use alight_shared::time::WorldTime;
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::outcome::Outcome;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
@@ -57,7 +58,7 @@ fn end_of_a_program_and_of_what_it_has_started() {
     let mut child = AnsweringChild::start("sleep 1000 & echo $!; wait", AnswerLimits::default()).unwrap();
     let (line, _) = child.ask("{}\n".into()).unwrap();
     let pid: u32 = String::from_utf8(line).unwrap().trim().parse().unwrap();
-    let runs = || std::fs::read_link(format!("/proc/{pid}/exe")).is_ok();
+    let runs = || fs::read_link(format!("/proc/{pid}/exe")).is_ok();
     assert!(runs());
     drop(child);
     for _ in 0..1000 {
@@ -129,9 +130,9 @@ fn flights_by_forecasts_of_another_program() {
             "import json, sys\nfor line in sys.stdin:\n    print(json.dumps({answer}), flush=True)\n"
         );
         let file = std::env::temp_dir().join(format!("alight-predictor-{}.py", std::process::id()));
-        std::fs::write(&file, text).unwrap();
+        fs::write(&file, text).unwrap();
         let outcome = predicted(&format!("python3 {}", file.display()));
-        std::fs::remove_file(&file).unwrap();
+        fs::remove_file(&file).unwrap();
         outcome
     };
     let echoed = program("{'version': 1, 'stages': json.loads(line)['forecast']['stages']}");
@@ -182,7 +183,7 @@ fn flight_whose_planner_ends_goes_on_without_plans() {
 struct Plans(BTreeMap<i64, Plan>);
 
 impl WorldObserver for Plans {
-    fn step(&mut self, _t: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _t: WorldTime, step: &Step<'_>) {
         let plan = step.output::<PlannerOut>().and_then(|out| out.plan);
         if let Some(plan) = plan.filter(|_| step.process == ProcessKind::Planner) {
             self.0.insert(step.now_ns, plan);
@@ -209,10 +210,10 @@ fn write_answers(plans: &Plans, path: &Path) {
             solve_s: Some(Scenario::default().solve_delay_s),
             ..PlannerAnswer::default()
         };
-        let time_s = serde_json::to_string(&Time::<DroneClock>::from_nanos(*now_ns).secs()).unwrap();
+        let time_s = serde_json::to_string(&DroneTime::from_nanos(*now_ns).secs()).unwrap();
         writeln!(text, "{time_s} {}", serde_json::to_string(&answer).unwrap()).unwrap();
     }
-    std::fs::write(path, text).unwrap();
+    fs::write(path, text).unwrap();
 }
 
 const REPLAY: &str = "import json, sys
@@ -225,9 +226,9 @@ for line in sys.stdin:
 #[test]
 fn recorded_plans_fly_the_same_bits() {
     let directory = std::env::temp_dir().join(format!("alight-exec-{}", std::process::id()));
-    std::fs::create_dir_all(&directory).unwrap();
+    fs::create_dir_all(&directory).unwrap();
     let program = directory.join("replay.py");
-    std::fs::write(&program, REPLAY).unwrap();
+    fs::write(&program, REPLAY).unwrap();
     let scenario = Scenario::default();
     for seed in [1, 2] {
         let mut plans = Plans::default();
@@ -247,5 +248,5 @@ fn recorded_plans_fly_the_same_bits() {
             included.outcome
         );
     }
-    std::fs::remove_dir_all(&directory).unwrap();
+    fs::remove_dir_all(&directory).unwrap();
 }

@@ -137,9 +137,9 @@ config! {
 /// Sensor sources of a scene's vessel; source number `k` has the address `connect(k)`.
 pub fn sources(scenario: &Scenario, connect: impl Fn(usize) -> String) -> Vec<SourceConfig> {
     let mut all = scenario.sensors.sources(scenario.deck.centre_m);
-    all.iter_mut()
-        .zip(0..)
-        .for_each(|(source, k)| source.connect = connect(k));
+    for (source, k) in all.iter_mut().zip(0..) {
+        source.connect = connect(k);
+    }
     all
 }
 

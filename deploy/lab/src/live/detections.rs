@@ -22,10 +22,18 @@ impl Detections {
         })
     }
     pub fn publish(&mut self, readings: &DroneReadings) {
-        readings.tags.iter().for_each(|m| self.tags.send(m));
-        readings.uvdar.iter().for_each(|m| self.uvdar.send(m));
-        readings.ranges.iter().for_each(|m| self.ranges.send(m));
-        readings.light.iter().for_each(|m| self.light.send(m));
+        for m in &readings.tags {
+            self.tags.send(m);
+        }
+        for m in &readings.uvdar {
+            self.uvdar.send(m);
+        }
+        for m in &readings.ranges {
+            self.ranges.send(m);
+        }
+        if let Some(m) = &readings.light {
+            self.light.send(m);
+        }
     }
     pub fn unsent(&self) -> u64 {
         self.tags.unsent() + self.uvdar.unsent() + self.ranges.unsent() + self.light.unsent()

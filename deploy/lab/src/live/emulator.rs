@@ -150,7 +150,8 @@ fn listen(outages: Sender<()>) {
 fn carry(emulation: &Emulation, devices: &[Arc<SyncDevice>; 2], supervised: bool) -> Result<Exit, CliError> {
     let (sender, inbox) = sync_channel(INBOX);
     for (side, device) in devices.iter().enumerate() {
-        let (device, sender) = (Arc::clone(device), sender.clone());
+        let device = Arc::clone(device);
+        let sender = sender.clone();
         std::thread::spawn(move || read(side, device, sender));
     }
     let outages = supervised.then(|| {

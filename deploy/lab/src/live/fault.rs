@@ -173,7 +173,8 @@ impl LiveFault {
         let process = input.process?;
         match (self.timer.poll(input.t_s, self.moment_s), self.met) {
             (Some(FaultTurn::Begins), _) => {
-                (self.report.at_s, self.report.state) = (Some(input.t_s), Some(mission.state));
+                self.report.at_s = Some(input.t_s);
+                self.report.state = Some(mission.state);
                 self.met = Some((now_ns, process.pid));
                 let what = if self.freezes() {
                     Signal::Freeze

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::Duration;
 
 use alight_shared::msg::MissionState;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, Time, WorldTime};
 use alight_sim::harness::storm::{Fault, Moment};
 use alight_sim::physics::streams::Streams;
 use alight_sim::radio::{ChannelCounts, Direction, SimulatedRadio, on_air};
@@ -76,7 +76,7 @@ impl<T: Clone> Impaired<T> {
             Duration::from_nanos(e.nanos().max(0).unsigned_abs()).min(most)
         })
     }
-    fn true_time(&self, steady_ns: i64) -> Time<TrueTime> {
+    fn true_time(&self, steady_ns: i64) -> WorldTime {
         Time::from_nanos(steady_ns.saturating_sub(self.epoch_ns))
     }
     /// Sends a value of `bytes` over the radio at `at_ns` of the steady clock.

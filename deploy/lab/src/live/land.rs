@@ -21,7 +21,7 @@ use alight_computer::terminal::{self, note};
 use alight_computer::vessel::deck_file;
 use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
 use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::time::{DroneTime, TrueTime};
 use alight_transport::clock::{ProcessClock, steady_ns};
 use alight_transport::memory::{Memory, Publisher, Services};
 use alight_transport::signal::{Signal, signal};
@@ -268,7 +268,9 @@ impl<'a> Landing<'a> {
         if let Some(view) = args.view.over(&plan.drone.view) {
             // Viewers run outside the namespaces of the emulated radio.
             let lines = supervisor.start_view(&plan.drone_file, &view)?;
-            lines.into_iter().for_each(|line| note(args.form.alone(), line));
+            for line in lines {
+                note(args.form.alone(), line);
+            }
             terminal::open_browser(&format!("http://{}", view.listen));
         }
         let of_flag = args.fault.and_then(|spec| LiveFault::new(spec, args.seed));
@@ -301,7 +303,7 @@ impl<'a> Landing<'a> {
                 self.supervisor.stop();
                 return Ok(None);
             }
-            let now: Time<DroneClock> = self.plan.clock.now();
+            let now: DroneTime = self.plan.clock.now();
             self.observer.poll();
             self.reporter.poll(steady_ns(), || None);
             self.checkpoints.poll(now);
@@ -365,8 +367,10 @@ impl<'a> Landing<'a> {
         Ok(())
     }
 
-    fn poll_faults(&mut self, now: Time<DroneClock>) -> Result<(), CliError> {
-        let (t_s, snapshot, alone) = (self.t_s(), &self.observer.snapshot, self.args.form.alone());
+    fn poll_faults(&mut self, now: DroneTime) -> Result<(), CliError> {
+        let t_s = self.t_s();
+        let snapshot = &self.observer.snapshot;
+        let alone = self.args.form.alone();
         let mut orders = Vec::new();
         for fault in &mut self.faults {
             let process = fault.process();
@@ -394,7 +398,7 @@ impl<'a> Landing<'a> {
         }
         Ok(())
     }
-    fn send(&mut self, now: Time<DroneClock>, kind: CommandKind) {
+    fn send(&mut self, now: DroneTime, kind: CommandKind) {
         self.sequence += 1;
         let (vessel, drone) = self.plan.ids;
         let header = Header::new(vessel, drone, self.boot, self.sequence, now);
@@ -448,7 +452,7 @@ impl<'a> Landing<'a> {
 
     /// Commands the landing when it is due, until the mission begins it; a restarted mission restores the landing by
     /// itself.
-    fn command(&mut self, now: Time<DroneClock>, t_s: f64) {
+    fn command(&mut self, now: DroneTime, t_s: f64) {
         let waits =
             self.observer.snapshot.mission.is_some_and(|m| {
                 m.state == State::Idle && matches!(m.waiting.code, ReasonCode::NotCommanded)

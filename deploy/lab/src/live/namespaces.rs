@@ -60,7 +60,8 @@ impl Namespaces {
     }
     fn device(&self, side: usize) -> Result<SyncDevice, CliError> {
         // Created in this namespace under a unique name, then moved; the open file stays attached.
-        let (space, born) = (self.space(side), format!("al{}{side}", std::process::id()));
+        let space = self.space(side);
+        let born = format!("al{}{side}", std::process::id());
         let device = DeviceBuilder::new()
             .name(&born)
             .mtu(MTU)

@@ -12,7 +12,7 @@ use alight_computer::process::supervisor::pause;
 use alight_computer::terminal;
 use alight_shared::mavlink::Signing;
 use alight_shared::msg::AutopilotMode;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::{TrueTime, WorldTime};
 use alight_sim::autopilots::px4::Px4Plant;
 use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
 use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
@@ -48,7 +48,7 @@ pub fn wait(memory: Option<&Memory>, span: Duration) -> bool {
     }
 }
 
-pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: Time<TrueTime>) {
+pub fn wait_until(memory: Option<&Memory>, clock: &ProcessClock, t: WorldTime) {
     let left = (t - clock.now::<TrueTime>()).nanos().clamp(0, TICK.nanos());
     let _stop_requested = wait(memory, Duration::from_nanos(left.unsigned_abs()));
 }
@@ -163,7 +163,9 @@ impl Plant {
                 if physics.now() >= physics.hover_from() {
                     physics.place_drone(0);
                     *autopilot = physics.autopilot(0).map(|(_, a)| Box::new(a));
-                    autopilot.iter_mut().for_each(|a| a.set_signing(signing.take()));
+                    if let Some(a) = autopilot {
+                        a.set_signing(signing.take());
+                    }
                 }
             }
             Link::Px4 { .. } | Link::Ardupilot { .. } => physics.place_drone_on_pad(0),
@@ -185,7 +187,9 @@ impl Plant {
         }
         for report in readings.beacons.drain(..) {
             let frame = self.beacon.frame(BEACON, &report.follow_target().into());
-            frame.iter().for_each(|bytes| drop(socket.send(bytes)));
+            if let Some(bytes) = &frame {
+                drop(socket.send(bytes));
+            }
         }
     }
     /// Number of slices in which the firmware did not reply in time.
@@ -282,7 +286,8 @@ fn dial(to: &str) -> std::io::Result<UdpSocket> {
 }
 
 fn datagrams(socket: &UdpSocket) -> Vec<Vec<u8>> {
-    let (mut buffer, mut received) = ([0_u8; 2048], Vec::new());
+    let mut buffer = [0_u8; 2048];
+    let mut received = Vec::new();
     while received.len() < MAX_READS as usize
         && let Ok(n) = socket.recv(&mut buffer)
     {
@@ -305,7 +310,9 @@ fn simulated_turn(
         *handed_over = autopilot.choose(offboard);
     }
     let send = |to: &UdpSocket, all: &[Vec<u8>]| {
-        all.iter().for_each(|bytes| drop(to.send(bytes)));
+        for bytes in all {
+            drop(to.send(bytes));
+        }
     };
     let mut received = datagrams(socket);
     if let Some(station) = station {
@@ -359,7 +366,8 @@ fn px4_turn(stream: &mut TcpStream, plant: &mut Px4Plant, sent: &[u8], until: i6
     if !plant.due() {
         return Ok(Turn::NoneDue);
     }
-    let (mut buffer, mut reads) = ([0_u8; 2048], 0);
+    let mut buffer = [0_u8; 2048];
+    let mut reads = 0;
     while reads < MAX_READS {
         match stream.read(&mut buffer) {
             Ok(0) => return Err(()),
@@ -386,7 +394,8 @@ fn ardupilot_turn(
     answer: &str,
     until: i64,
 ) -> Option<ardupilot::Servos> {
-    let (mut buffer, mut reads) = ([0_u8; 256], 0);
+    let mut buffer = [0_u8; 256];
+    let mut reads = 0;
     while reads < MAX_READS {
         if let Ok((n, from)) = socket.recv_from(&mut buffer)
             && let Some(servos) = ardupilot::servos(buffer.get(..n).unwrap_or_default())
@@ -412,6 +421,7 @@ fn ardupilot_turn(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use alight_shared::time::Time;
     use alight_sim::autopilots::stand_in;
     use alight_sim::physics::streams::Streams;
     use alight_uav::autopilot::message::MavlinkMessage;
@@ -458,7 +468,8 @@ mod tests {
         assert!(plant.exchange(&sensed(0)).is_none() && plant.late() == 0);
         let firmware = std::thread::spawn(move || {
             let mut link = TcpStream::connect(("127.0.0.1", port)).unwrap();
-            let (mut decoder, mut times) = (Decoder::default(), Vec::new());
+            let mut decoder = Decoder::default();
+            let mut times = Vec::new();
             let mut buffer = [0; 2048];
             while times.len() < 100 {
                 let n = link.read(&mut buffer).unwrap();

@@ -163,7 +163,8 @@ impl RenderThread {
                     return;
                 }
             };
-            let (streams, airframe) = (Streams::new(seed), &scenario.airframe);
+            let streams = Streams::new(seed);
+            let airframe = &scenario.airframe;
             let mount = CameraMount::new(&scenario.sensors.camera_mount, airframe, &streams);
             let mut renderer = Renderer::new(&scenario.sensors.render, &scenario.deck, &streams)
                 .below(airframe, &mount)

@@ -40,7 +40,8 @@ impl SerialLine {
     }
     /// Sends `bytes` to the computer if it listens, and returns the bytes that it sent: requests, corrections.
     pub fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
-        let (mut buffer, mut received) = ([0; 1024], Vec::new());
+        let mut buffer = [0; 1024];
+        let mut received = Vec::new();
         let open = loop {
             match self.sensor_end.read(&mut buffer) {
                 Ok(0) => break true,

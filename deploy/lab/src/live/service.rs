@@ -2,6 +2,7 @@
 //! RestartSec=100ms), asked to end, killed.
 
 use std::ffi::{OsStr, OsString};
+use std::fs;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -54,8 +55,9 @@ impl Service {
         directory: &Path,
         more: &[&str],
     ) -> Result<Service, CliError> {
-        let (socket, config) = (socket(directory, name), directory.join(format!("{name}.toml")));
-        let _none = std::fs::remove_file(&socket);
+        let socket = socket(directory, name);
+        let config = directory.join(format!("{name}.toml"));
+        let _none = fs::remove_file(&socket);
         let notified = UnixDatagram::bind(&socket).and_then(|s| s.set_nonblocking(true).map(|()| s));
         let own = [OsStr::new(name), OsStr::new("--config"), config.as_os_str()];
         let arguments = program.iter().map(W::as_ref).chain(own);
@@ -79,7 +81,8 @@ impl Service {
     }
 
     fn spawn(&mut self) -> Result<(), CliError> {
-        let (socket, errors) = (self.socket(), self.errors_file());
+        let socket = self.socket();
+        let errors = self.errors_file();
         let around = ProcessSurroundings {
             errors: Some(&errors),
             state: Some(&self.directory),
@@ -89,8 +92,11 @@ impl Service {
         let arguments = self.arguments.join(OsStr::new(" "));
         let child = start(&self.arguments, around, sender);
         let child = child.doing(format_args!("starting {}", arguments.display()))?;
-        (self.child, self.lines) = (Some(child), Some(lines));
-        (self.started_ns, self.ended_ns, self.ready_s) = (steady_ns(), None, None);
+        self.child = Some(child);
+        self.lines = Some(lines);
+        self.started_ns = steady_ns();
+        self.ended_ns = None;
+        self.ready_s = None;
         Ok(())
     }
     pub fn socket(&self) -> PathBuf {
@@ -113,7 +119,7 @@ impl Service {
         self.lines.iter().flatten()
     }
     pub fn complaints(&self) -> String {
-        let text = std::fs::read_to_string(self.errors_file()).unwrap_or_default();
+        let text = fs::read_to_string(self.errors_file()).unwrap_or_default();
         let lines: Vec<&str> = text.lines().collect();
         let from = lines.len().saturating_sub(LAST_LINES);
         lines.get(from..).unwrap_or_default().join("\n")
@@ -127,7 +133,8 @@ impl Service {
         }
         let ended = |c: &mut Child| matches!(c.try_wait(), Ok(Some(_)));
         if self.child.as_mut().is_some_and(ended) {
-            (self.child, self.ended_ns) = (None, Some(steady_ns()));
+            self.child = None;
+            self.ended_ns = Some(steady_ns());
         }
         self.child.is_some()
     }
@@ -186,17 +193,17 @@ fn socket(directory: &Path, name: &str) -> PathBuf {
 
 /// Whether the process `pid` runs; a zombie does not count.
 pub fn runs(pid: u32) -> bool {
-    std::fs::read_link(format!("/proc/{pid}/exe")).is_ok()
+    fs::read_link(format!("/proc/{pid}/exe")).is_ok()
 }
 
 fn children(pid: u32) -> Vec<u32> {
     let parent = |of: u32| {
-        let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
+        let stat = fs::read_to_string(format!("/proc/{of}/stat")).ok()?;
         // Fields are counted after the command name, which is in parentheses and may contain spaces.
         let fields = stat.rsplit(')').next()?;
         fields.split_whitespace().nth(1)?.parse::<u32>().ok()
     };
-    let all = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let all = fs::read_dir("/proc").into_iter().flatten().flatten();
     let all = all.filter_map(|e| e.file_name().to_str()?.parse().ok());
     all.filter(|of| parent(*of) == Some(pid)).collect()
 }

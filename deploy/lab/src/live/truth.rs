@@ -1,6 +1,6 @@
 //! Truth in the log of the world's process: both bodies at the beginning of every tick.
 
-use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody};
+use alight_shared::frames::{DroneBody, Point, Rotation, Vector, VesselBody, wxyz};
 use alight_sim::physics::body::RigidState;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -21,7 +21,6 @@ pub struct TruthSample {
 
 impl BodyTruth {
     fn of<B>(s: &RigidState<B>) -> BodyTruth {
-        let q = s.attitude.0;
         BodyTruth {
             vectors: [
                 s.position.0,
@@ -31,7 +30,7 @@ impl BodyTruth {
                 s.angular_acceleration.0,
             ]
             .map(Into::into),
-            attitude: [q.w, q.i, q.j, q.k],
+            attitude: wxyz(&s.attitude.0),
         }
     }
     fn state<B>(&self) -> RigidState<B> {

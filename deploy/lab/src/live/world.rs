@@ -97,7 +97,8 @@ pub struct Landed {
 /// Runs until the trial is over or the process is asked to end. Metrics: maximum delay of a tick (s), ticks later
 /// than one period, true time since the start (s), slices without a reply from the firmware.
 pub fn run(args: &WorldArgs) -> Result<Exit, CliError> {
-    let (kind, args) = (args.autopilot, &args.process);
+    let kind = args.autopilot;
+    let args = &args.process;
     let mut world: SimulatedWorld = config::load(&args.config)?;
     if world.scenario.place.among.is_empty() {
         // The devices' bytes contain latitude and longitude.
@@ -137,8 +138,10 @@ fn print(report: &WorldReport) -> Result<(), CliError> {
 }
 
 fn open_plant(world: &SimulatedWorld, kind: AutopilotKind, physics: &Physics) -> Result<Plant, CliError> {
-    let (scenario, firmware) = (&world.scenario, &world.firmware);
-    let (navigation, datum) = (&scenario.drone.navigation, physics.place().unwrap_or_default());
+    let scenario = &world.scenario;
+    let firmware = &world.firmware;
+    let navigation = &scenario.drone.navigation;
+    let datum = physics.place().unwrap_or_default();
     let sensors = FirmwareSensors::new(firmware, navigation, datum, physics.streams());
     let station = world.ground_station.as_deref();
     let signing = mavlink_key::read("signing_key", &world.signing_key)?;
@@ -330,7 +333,8 @@ impl<'a> LiveWorld<'a> {
 
     /// Outcome judged from the truth; also draws the plot of the landing.
     fn report(&mut self) -> Result<WorldReport, CliError> {
-        let (world, landing) = (self.world, &mut self.landing);
+        let world = self.world;
+        let landing = &mut self.landing;
         let sim_time_s = self.physics.now().secs();
         let mut outcome = landing
             .judge
@@ -411,7 +415,8 @@ impl LandingWatch {
             }
         }
         if self.flies_on && (observed.in_water || !observed.motors_on) {
-            (self.flies_on, self.stays_until_s) = (false, Some(t_s + REST_S));
+            self.flies_on = false;
+            self.stays_until_s = Some(t_s + REST_S);
         }
         if self.judge.first_contact_s().is_some() {
             if !self.touched {

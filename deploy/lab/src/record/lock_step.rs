@@ -6,7 +6,7 @@ use alight_computer::record::entry::PartHeader;
 use alight_computer::record::observer::StepObserver;
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::physics::{DRONE_ID, VESSEL_ID};
 use alight_sim::harness::vessel_computer::sources;
@@ -63,7 +63,7 @@ impl<'a> LockStepObservers<'a> {
 impl WorldObserver for LockStepObservers<'_> {
     fn truth(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         vessel: &RigidState<VesselBody>,
         drone: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
@@ -71,7 +71,7 @@ impl WorldObserver for LockStepObservers<'_> {
             recorder.truth(t, vessel, drone.copied());
         }
     }
-    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, t: WorldTime, step: &Step<'_>) {
         if let Some(recorder) = &mut self.recorder {
             if !recorder.has(step.process, step.boot) {
                 let [vessel, drone] = &self.configs;

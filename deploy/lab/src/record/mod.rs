@@ -14,7 +14,7 @@ use alight_computer::record::{About, BASELINE_FILE, FOREIGN_PLANS, LIVE, Recorde
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::time::{Span, WorldTime};
 use alight_shared::wire::{self, WireError};
 use alight_sim::baselines::Baseline;
 use alight_sim::harness::outcome::Outcome;
@@ -113,7 +113,9 @@ pub fn export(
     log.about = subject.about()?;
     log.first(WORLD)?;
     let mut recorder = FlightRecorder::create(path, subject)?;
-    shown(&log).into_iter().for_each(|header| recorder.begin(header));
+    for header in shown(&log) {
+        recorder.begin(header);
+    }
     // The recording has the times of the simulated world.
     let observers: Vec<&mut dyn StepObserver> = vec![&mut recorder];
     let replayed = replay(&log, &law, Span::ZERO, observers)?;
@@ -146,7 +148,9 @@ impl FlightRecorder {
         })
     }
     fn begin(&mut self, header: PartHeader) {
-        self.recorder.iter_mut().for_each(|r| r.begin(header.clone()));
+        if let Some(r) = &mut self.recorder {
+            r.begin(header.clone());
+        }
     }
     fn has(&self, process: ProcessKind, boot: u32) -> bool {
         let recorder = self.recorder.as_ref();
@@ -156,7 +160,7 @@ impl FlightRecorder {
     /// is readable up to now.
     fn truth(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         vessel: &RigidState<VesselBody>,
         drone: Option<(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
@@ -190,10 +194,12 @@ impl FlightRecorder {
 }
 
 impl StepObserver for FlightRecorder {
-    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
-        self.recorder.iter_mut().for_each(|r| r.step(t, step));
+    fn step(&mut self, t: WorldTime, step: &Step<'_>) {
+        if let Some(r) = &mut self.recorder {
+            r.step(t, step);
+        }
     }
-    fn recorded(&mut self, t: Time<TrueTime>, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
+    fn recorded(&mut self, t: WorldTime, of: &PartHeader, entry: &[u8]) -> Result<(), WireError> {
         if of.process == WORLD {
             let truth = wire::decode_record::<Entry<TruthSample>>(entry)?.input;
             self.truth(t, &truth.vessel(), truth.drone());

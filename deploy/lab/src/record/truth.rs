@@ -6,7 +6,7 @@ use alight_computer::record::schema::Truth;
 use alight_computer::record::sink::Sink;
 use alight_computer::record::views::ViewTopic;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_sim::harness::scenario::Scenario;
 use alight_sim::physics::body::RigidState;
 use mcap::McapError;
@@ -32,7 +32,7 @@ impl TruthViews {
     pub fn show(
         &mut self,
         recorder: &mut Recorder,
-        t: Time<TrueTime>,
+        t: WorldTime,
         vessel: &RigidState<VesselBody>,
         drone: Option<(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
@@ -48,16 +48,15 @@ impl TruthViews {
     }
 
     fn relation(&self, deck: &RigidState<Deck>, drone: &RigidState<DroneBody>, wind: &Vector3<f64>) -> Truth {
-        let (offset, speed) = (drone.position - deck.position, drone.velocity.0 - deck.velocity.0);
+        let offset = drone.position - deck.position;
+        let speed = drone.velocity.0 - deck.velocity.0;
         let below = Vector3::new(0.0, 0.0, self.scenario.airframe.feet_below_m);
         let feet = drone.at::<DroneBody>(below).position;
         let feet = (deck.attitude.inverse() * (feet - deck.position)).0;
         let (roll, pitch, yaw) = (deck.attitude.inverse() * drone.attitude).euler();
         let tilt = deck.attitude.down().dot(&drone.attitude.down());
-        let (d, q) = (
-            deck.euler().map(f64::to_degrees),
-            drone.euler().map(f64::to_degrees),
-        );
+        let d = deck.euler().map(f64::to_degrees);
+        let q = drone.euler().map(f64::to_degrees);
         Truth {
             deck_north_m: deck.position.0.x,
             deck_east_m: deck.position.0.y,

@@ -7,7 +7,7 @@ use alight_computer::exit::{CliError, Doing};
 use alight_computer::terminal::note;
 use alight_shared::frames::{Deck, DroneBody, VesselBody};
 use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::time::WorldTime;
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::outcome::TIME_LIMIT_S;
 use alight_sim::harness::physics::TICK;
@@ -40,7 +40,7 @@ struct Motion {
 impl WorldObserver for Motion {
     fn truth(
         &mut self,
-        t: Time<TrueTime>,
+        t: WorldTime,
         vessel: &RigidState<VesselBody>,
         _: Option<&(RigidState<DroneBody>, Vector3<f64>)>,
     ) {
@@ -49,7 +49,7 @@ impl WorldObserver for Motion {
             self.truth.push((t.secs(), deck.position.0, deck.euler()));
         }
     }
-    fn step(&mut self, _: Time<TrueTime>, step: &Step<'_>) {
+    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
         let mut line = |at_s: f64, sensor: &str, values: &[f64]| {
             let values: Vec<String> = (0..6)
                 .map(|k| values.get(k).map_or(String::new(), |v| format!("{v:.6}")))
@@ -84,8 +84,10 @@ impl Motion {
         let (s, c) = (s / s.hypot(c), c / s.hypot(c));
         let mut text = String::from("t_s,roll_deg,pitch_deg,heading_deg,heave_m,surge_m,sway_m\n");
         for (t_s, p, euler) in &self.truth {
-            let (e, d) = (euler.map(f64::to_degrees), p - mean);
-            let (surge, sway) = (c * d.x + s * d.y, c * d.y - s * d.x);
+            let e = euler.map(f64::to_degrees);
+            let d = p - mean;
+            let surge = c * d.x + s * d.y;
+            let sway = c * d.y - s * d.x;
             text += &format!(
                 "{t_s:.2},{:.4},{:.4},{:.4},{:.4},{surge:.4},{sway:.4}\n",
                 e.x, e.y, e.z, -d.z
@@ -116,7 +118,8 @@ pub fn write(directory: &Path, rows: &[StudyRow], seed: u64, alone: bool) -> Res
             world.tick(&mut motion);
         }
         let name = file_stem(&row.scenario);
-        let (truth, sensors) = (format!("{name}.csv"), format!("{name}-sensors.csv"));
+        let truth = format!("{name}.csv");
+        let sensors = format!("{name}-sensors.csv");
         write_files(
             directory,
             &[

@@ -146,10 +146,9 @@ fn with<T: Serialize + DeserializeOwned + Check>(
     changes: &[&Changes],
 ) -> Result<T, CliError> {
     let mut over = Table::new();
-    changes
-        .iter()
-        .filter_map(|c| c.table(name))
-        .for_each(|t| lay(t, &mut over));
+    for t in changes.iter().filter_map(|c| c.table(name)) {
+        lay(t, &mut over);
+    }
     if over.is_empty() {
         return Ok(base);
     }
@@ -182,7 +181,8 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
         ..VesselComputerConfig::default()
     };
     let vessel = with(vessel, TABLES[1], &changes)?;
-    (nodes.vessel, nodes.deck) = (vessel.vessel, vessel.deck);
+    nodes.vessel = vessel.vessel;
+    nodes.deck = vessel.deck;
     let drone = DroneComputerConfig {
         bridge: nodes.bridge.clone(),
         autopilot: nodes.autopilot.clone(),
@@ -190,7 +190,9 @@ fn scene(given: &[(&str, String)], changes: &[&Changes], planner: &Changes) -> R
         ..DroneComputerConfig::default()
     };
     let drone = with(drone, TABLES[2], &changes)?;
-    (nodes.bridge, nodes.autopilot, nodes.drone) = (drone.bridge, drone.autopilot, drone.drone);
+    nodes.bridge = drone.bridge;
+    nodes.autopilot = drone.autopilot;
+    nodes.drone = drone.drone;
     if changes.iter().any(|c| c.as_configured) {
         scene.describe();
     }
@@ -251,7 +253,8 @@ pub struct Rows {
 
 impl Rows {
     pub fn keep(&mut self, number: u32) -> Result<(), CliError> {
-        let (count, index) = (self.rows.len(), number as usize - 1);
+        let count = self.rows.len();
+        let index = number as usize - 1;
         if index >= count {
             return Err(CliError(format!("--row {number}: there are {count} rows")));
         }
@@ -272,15 +275,15 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
     let mut grids: Vec<StudyGrid> = rows.into_iter().chain(definition.grid.iter().cloned()).collect();
     let count = |grids: &[StudyGrid]| grids.iter().map(|g| combinations(&g.axis).len()).sum::<usize>();
     let all = count(&grids);
-    grids
-        .iter_mut()
-        .flat_map(|g| &mut g.axis)
-        .for_each(|axis| narrow(axis, &given));
+    for axis in grids.iter_mut().flat_map(|g| &mut g.axis) {
+        narrow(axis, &given);
+    }
     let mut out = Rows {
         rows: Vec::new(),
         whole: count(&grids) == all,
     };
-    let (mut names, mut remarks) = (BTreeSet::new(), BTreeSet::new());
+    let mut names = BTreeSet::new();
+    let mut remarks = BTreeSet::new();
     for grid in &grids {
         let pooled = grid
             .axis
@@ -309,7 +312,9 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
             }
         }
     }
-    remarks.iter().for_each(|r| terminal::note(true, r));
+    for r in &remarks {
+        terminal::note(true, r);
+    }
     Ok(out)
 }
 
@@ -343,7 +348,9 @@ mod tests {
     #[test]
     fn sizes_of_world_and_nodes() {
         for row in expanded(&of("size"), "").unwrap() {
-            let (world, nodes, name) = (&row.world, &row.nodes, &row.scenario);
+            let world = &row.world;
+            let nodes = &row.nodes;
+            let name = &row.scenario;
             assert_eq!(
                 (world.deck, nodes.vessel.deck),
                 (nodes.drone.deck, nodes.drone.deck),

@@ -323,7 +323,8 @@ pub fn end_if_asked(args: &GridRun<'_>, flown: usize, all: usize) {
     }
     let rest = match args.out.map(rows_file) {
         Some(rows) => {
-            let (rows, command) = (rows.display(), tasks::given());
+            let rows = rows.display();
+            let command = tasks::given();
             format!("{rows} has them; this continues:\n  {command}")
         }
         None => "they are lost; --out DIRECTORY keeps them".into(),
@@ -340,7 +341,8 @@ const LOOKED_AT: usize = 20;
 /// trials end it, the interval covers a little less than 95 %.
 fn is_known(row: &StudyRow, done: &[Outcome], within: f64) -> bool {
     let own: Vec<&Outcome> = done.iter().filter(|o| row.is_of(o)).collect();
-    let (flown, landed) = (own.len(), own.iter().filter(|o| o.success).count());
+    let flown = own.len();
+    let landed = own.iter().filter(|o| o.success).count();
     let (low, high) = wilson(landed, flown);
     let rate = landed as f64 / flown.max(1) as f64;
     flown >= LOOKED_AT && (rate - low).max(high - rate) <= within

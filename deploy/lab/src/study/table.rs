@@ -102,7 +102,8 @@ impl Study<'_> {
         let mut sets: Vec<Set<'s>> = Vec::new();
         let mut places = BTreeMap::new();
         for o in self.outcomes {
-            let (name, planner) = (pool(o), o.planner.as_str());
+            let name = pool(o);
+            let planner = o.planner.as_str();
             let place = *places.entry((name, planner)).or_insert(sets.len());
             match sets.get_mut(place) {
                 Some(set) => set.outcomes.push(o),
@@ -281,7 +282,8 @@ impl Study<'_> {
         if rows.len() <= MAX_ROWS_WITH_EXTREMES {
             out.push(extremes(rows).text());
             out.extend(rows.iter().filter_map(|row| {
-                let (replay, worst) = (row.replay.as_ref()?, row.worst_seeds.first()?);
+                let replay = row.replay.as_ref()?;
+                let worst = row.worst_seeds.first()?;
                 Some(format!("{replay} --seed {worst}"))
             }));
         }
@@ -462,7 +464,8 @@ mod tests {
             hash: "0123",
             outcomes,
         };
-        let (rows, pools) = (study.rows_by(|o| &o.sea), study.pools());
+        let rows = study.rows_by(|o| &o.sea);
+        let pools = study.pools();
         let text = study.console(&rows, &pools).concat();
         (rows, pools, text)
     }

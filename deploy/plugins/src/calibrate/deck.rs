@@ -137,11 +137,18 @@ fn live(args: &DeckArgs) -> Result<(PredictorConfig, DeckCalibration), CliError>
         if armed != Some(false) {
             calibration.armed();
         }
-        states.iter().for_each(|s| calibration.drone(s));
-        let (tags, estimates) = (tags.all(t), estimates.all(t));
+        for s in &states {
+            calibration.drone(s);
+        }
+        let tags = tags.all(t);
+        let estimates = estimates.all(t);
         if armed == Some(false) {
-            estimates.iter().for_each(|e| calibration.estimate(e));
-            tags.iter().for_each(|m| calibration.tag(m));
+            for e in &estimates {
+                calibration.estimate(e);
+            }
+            for m in &tags {
+                calibration.tag(m);
+            }
         }
         let (n, s) = calibration.collected();
         if s as u64 >= reported_s + 10 {

@@ -281,7 +281,8 @@ fn print(found: &VesselCalibration, loaded: &LoadedStiffness, config: &VesselNod
     let model = &config.model;
     terminal::line(format_args!("{:.0} s recorded", found.seconds));
     loaded.iter().for_each(print_loaded);
-    let (mut damping, mut stiffness) = (model.damping_npmps_nmpradps, model.stiffness_npm_nmprad);
+    let mut damping = model.damping_npmps_nmpradps;
+    let mut stiffness = model.stiffness_npm_nmprad;
     let mut inertia = model.inertia_kg_kgm2;
     for (dof, (name, decay)) in DOF_NAMES.iter().zip(&found.decays).enumerate() {
         match decay {

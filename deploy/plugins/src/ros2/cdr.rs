@@ -56,7 +56,9 @@ mod tests {
     }
     fn diagonal(step: f64) -> Covariance {
         let mut all = Covariance::default();
-        (0..6).for_each(|k| all[k][k] = step * (k + 1) as f64);
+        for k in 0..6 {
+            all[k][k] = step * (k + 1) as f64;
+        }
         all
     }
     const TURNED: Quaternion = Quaternion {

@@ -1,6 +1,5 @@
-use alight_shared::msg::ComputerReport;
-use alight_shared::msg::{Command, CommandKind};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::msg::{Command, CommandKind, ComputerReport};
+use alight_shared::time::{DroneClock, DroneTime};
 use alight_transport::clock::steady_ns;
 use alight_transport::memory::{Instance, Memory, Publisher};
 use alight_transport::wake::end_requested;
@@ -199,7 +198,8 @@ impl ComputerObserver {
             // Each landing writes a separate configuration before its processes begin, which names their clock.
             match self.subject.computer() {
                 Ok(newest) => {
-                    let (was, is) = (name(&self.computer), name(&newest));
+                    let was = name(&self.computer);
+                    let is = name(&newest);
                     if was != is {
                         return Err(CliError(format!(
                             "the configuration is now {is}'s, but this node is {was}: restart it"
@@ -288,7 +288,7 @@ impl Drone {
         ports.commands.send_any(due.as_ref());
         // Offset of the drone's clock from the system clock, which may be set at any time.
         let ahead_ns = wall_ns() - computer.clock.now::<DroneClock>().nanos();
-        let stamp = |at: Time<DroneClock>| at.nanos().saturating_add(ahead_ns);
+        let stamp = |at: DroneTime| at.nanos().saturating_add(ahead_ns);
         let new = self.poses.newer(snapshot, stamp);
         if let Some(drone) = &new.drone {
             session.publish(&self.odometry, drone);
@@ -303,7 +303,8 @@ impl Drone {
         // Without the configuration the shapes would not be those of this drone and deck.
         if ports.is_known && steady_ns().saturating_sub(self.fixed_ns) >= FIXED_NS {
             self.fixed_ns = steady_ns();
-            let (prefix, body) = (&self.frame_prefix, &computer.drone);
+            let prefix = &self.frame_prefix;
+            let body = &computer.drone;
             let stamp = RosTime::from_nanos(wall_ns());
             let frames = fixed::transforms(prefix, stamp, &body.airframe, &body.deck);
             session.publish(&self.fixed, &frames);

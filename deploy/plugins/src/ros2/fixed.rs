@@ -61,7 +61,8 @@ mod tests {
 
     #[test]
     fn fixed_frames_of_drone_and_deck() {
-        let (mut drone, mut deck) = (DroneGeometry::default(), DeckGeometry::default());
+        let mut drone = DroneGeometry::default();
+        let mut deck = DeckGeometry::default();
         drone.camera_m = [0.1, 0.2, 0.3];
         deck.centre_m = [-1.0, 0.5, -2.0];
         let all = transforms("a/", RosTime::default(), &drone, &deck).transforms;

@@ -266,7 +266,8 @@ mod tests {
     #[test]
     fn ros_keys_of_humble_without_hashes() {
         let node = |distro| RosNode::new(0, "alight", "drone_1".into(), distro).unwrap();
-        let (humble, jazzy) = (node(Distro::Humble), node(Distro::Jazzy));
+        let humble = node(Distro::Humble);
+        let jazzy = node(Distro::Jazzy);
         let odometry = publisher::<RosOdometry>(humble.private("odometry"), 10);
         let kind = "nav_msgs::msg::dds_::Odometry_/TypeHashNotSupported";
         assert_eq!(humble.key(&odometry), format!("0/alight/drone_1/odometry/{kind}"));

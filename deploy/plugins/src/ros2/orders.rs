@@ -18,14 +18,13 @@ const AHEAD: Span = Span::from_millis(1000);
 /// Reason to reject a request sent at `sent_ns` by its client's clock: at `now_ns` it is too old, because its client
 /// may have ended while the network delayed the request. An abort is accepted at any age.
 pub fn is_late(kind: CommandKind, sent_ns: i64, now_ns: i64) -> Option<String> {
-    let (age, limit) = (
-        Span::from_nanos(now_ns.saturating_sub(sent_ns)),
-        topics::COMMAND.stale_after,
-    );
+    let age = Span::from_nanos(now_ns.saturating_sub(sent_ns));
+    let limit = topics::COMMAND.stale_after;
     if kind == CommandKind::Abort || (-AHEAD..=limit).contains(&age) {
         return None;
     }
-    let (age_s, limit_s) = (age.secs(), limit.secs());
+    let age_s = age.secs();
+    let limit_s = limit.secs();
     Some(format!(
         "not ordered: {age_s:.1} s old by its own stamp (limit {limit_s:.0} s): order again; set the clocks of both \
          computers if this persists"
@@ -108,7 +107,9 @@ impl<C: Caller> Orders<C> {
     }
     pub fn answer(&mut self, taken: bool, text: &str) {
         let callers = self.under_way.take().map(|u| u.callers);
-        callers.into_iter().flatten().for_each(|c| c.reply(taken, text));
+        for c in callers.into_iter().flatten() {
+            c.reply(taken, text);
+        }
     }
 }
 
@@ -137,7 +138,8 @@ mod tests {
         }
     }
     fn given(all: &[(CommandKind, &'static str)]) -> (Orders<Known>, Answers) {
-        let (mut orders, answers) = (Orders::default(), Answers::default());
+        let mut orders = Orders::default();
+        let answers = Answers::default();
         for (kind, who) in all {
             orders.take(
                 *kind,

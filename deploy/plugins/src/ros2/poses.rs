@@ -5,7 +5,7 @@
 
 use alight_computer::process::snapshot::Snapshot;
 use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::time::DroneTime;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::ros2::frames::{self, BodyVelocity};
@@ -47,8 +47,8 @@ pub struct Poses {
     map: String,
     base_link: String,
     deck: String,
-    drone_at: Option<Time<DroneClock>>,
-    deck_at: Option<Time<DroneClock>>,
+    drone_at: Option<DroneTime>,
+    deck_at: Option<DroneTime>,
 }
 
 impl Poses {
@@ -63,7 +63,7 @@ impl Poses {
         }
     }
     /// Poses from the received messages; `stamp` converts a time of the drone's clock to nanoseconds since 1970.
-    pub fn newer(&mut self, snapshot: &Snapshot, stamp: impl Fn(Time<DroneClock>) -> i64) -> NewPoses {
+    pub fn newer(&mut self, snapshot: &Snapshot, stamp: impl Fn(DroneTime) -> i64) -> NewPoses {
         let drone = snapshot.drone.filter(|d| Some(d.header.at) != self.drone_at);
         let forecast = snapshot.forecast.filter(|f| Some(f.header.at) != self.deck_at);
         self.drone_at = snapshot.drone.map(|d| d.header.at);
@@ -135,6 +135,7 @@ fn odometry(
 mod tests {
     use super::*;
     use alight_shared::msg::Header as Identity;
+    use alight_shared::time::Time;
 
     fn snapshot(drone_ns: i64, deck_ns: i64) -> Snapshot {
         let drone = DroneState {
@@ -164,7 +165,8 @@ mod tests {
     fn poses_in_the_map() {
         let mut poses = Poses::new("a/");
         let new = poses.newer(&snapshot(10, 20), |at| at.nanos() + 1_000_000_000);
-        let (drone, deck) = (new.drone.as_ref().unwrap(), new.deck.as_ref().unwrap());
+        let drone = new.drone.as_ref().unwrap();
+        let deck = new.deck.as_ref().unwrap();
         assert_eq!(drone.header.stamp, RosTime { sec: 1, nanosec: 10 });
         assert_eq!(
             (drone.header.frame_id.as_str(), drone.child_frame_id.as_str()),

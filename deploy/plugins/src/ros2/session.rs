@@ -247,9 +247,11 @@ impl Open {
     }
     fn declare(parts: &Parts) -> zenoh::Result<Open> {
         let session = zenoh::open(parts.place.config()?).wait()?;
-        let (node, zid) = (&parts.node, session.zid().to_string());
+        let node = &parts.node;
+        let zid = session.zid().to_string();
         let token = |text: String| session.liveliness().declare_token(text).wait();
-        let (is_apart, distro) = (Arc::clone(&parts.is_apart), node.distro());
+        let is_apart = Arc::clone(&parts.is_apart);
+        let distro = node.distro();
         session
             .liveliness()
             .declare_subscriber(node.tokens())
@@ -279,7 +281,9 @@ impl Open {
         }
         let mut servers = Vec::with_capacity(parts.services.len());
         for (service, kind) in &parts.services {
-            let (inbox, kind, key) = (parts.inbox.clone(), *kind, node.key(service));
+            let inbox = parts.inbox.clone();
+            let kind = *kind;
+            let key = node.key(service);
             let server = session
                 .declare_queryable(key.clone())
                 .complete(true)

@@ -49,7 +49,8 @@ pub fn run(args: &SignalKArgs) -> Result<Exit, CliError> {
     };
     let mut look = ComputerObserver::at(&args.subject.fixed()?)?;
     runtime::block_on(async {
-        let (mut deltas, mut retry) = (Deltas::default(), Retry::default());
+        let mut deltas = Deltas::default();
+        let mut retry = Retry::default();
         while !end_requested() {
             let connected = SignalKSocket::connect(host, Subscribe::None, token.as_deref()).await;
             let why = match connected {
@@ -105,7 +106,8 @@ impl Default for Retry {
 impl Retry {
     /// Records that a delta was sent and the connection is still open; returns whether this is new.
     fn taken(&mut self) -> bool {
-        (self.reported, self.pause) = (None, RETRY);
+        self.reported = None;
+        self.pause = RETRY;
         !core::mem::replace(&mut self.connected, true)
     }
     /// Records that the connection is missing or lost; returns whether this is new, and the time to wait.

@@ -9,11 +9,10 @@
 
 pub mod command;
 
-use alight_shared::msg::ComputerReport;
+use alight_shared::msg::{ComputerReport, DroneContact, VesselStatus};
 use std::collections::{BTreeMap, BTreeSet};
 
 use alight_shared::frames::{DroneNed, Vector};
-use alight_shared::msg::{DroneContact, VesselStatus};
 use serde_json::{Value, json};
 
 use alight_people::status::Status;
@@ -134,14 +133,18 @@ fn notification(findings: &[Finding], topic: &str) -> Value {
         FindingLevel::Warning => ("warn", &["visual"]),
         FindingLevel::Broken => ("alarm", &["visual", "sound"]),
     };
-    let text = |f: &Finding| match f.remedy.is_empty() {
-        true => f.found.clone(),
-        false => format!("{} ({})", f.found, f.remedy),
+    let text = |f: &Finding| {
+        if f.remedy.is_empty() {
+            f.found.clone()
+        } else {
+            format!("{} ({})", f.found, f.remedy)
+        }
     };
     let texts: Vec<String> = all().filter(|f| f.level == worst).map(text).collect();
-    let message = match texts.is_empty() {
-        true => "as it should be".into(),
-        false => texts.join("; "),
+    let message = if texts.is_empty() {
+        "as it should be".into()
+    } else {
+        texts.join("; ")
     };
     json!({"state": state, "method": method, "message": message})
 }
@@ -321,7 +324,8 @@ mod tests {
     #[test]
     fn units_of_every_number() {
         for known in [vessel(), drone()] {
-            let (mut deltas, status) = (Deltas::default(), judged(known, Go::default()));
+            let mut deltas = Deltas::default();
+            let status = judged(known, Go::default());
             let delta = parsed(deltas.delta(&status, 0));
             let list = |update: usize, of: &str| delta["updates"][update][of].as_array().unwrap().clone();
             let meta: BTreeMap<String, Value> = (list(1, "meta").iter())

@@ -9,7 +9,8 @@ const AUTOPILOTS_OWN: [&str; 2] = [PARAMETERS, "origin"];
 pub fn judge(findings: &[Value], firmware: bool) -> (bool, String) {
     let count = |level: &str| findings.iter().filter(|f| f["level"] == level).count();
     let later = |f: &&Value| firmware && f["level"] == "broken" && f["topic"] == PARAMETERS;
-    let (broken, later) = (count("broken"), findings.iter().filter(later).count());
+    let broken = count("broken");
+    let later = findings.iter().filter(later).count();
     let mut figure = format!(
         "{broken} BROKEN, {} WARNING, {} fine",
         count("warning"),

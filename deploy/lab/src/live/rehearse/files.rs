@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::certificates::{self, common_name};
 use alight_computer::config::link_url::LinkUrl;
-use alight_computer::config::method;
 use alight_computer::config::recorder::RecorderConfig;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
+use alight_computer::config::{DroneComputerConfig, VesselComputerConfig, method};
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;
 use alight_shared::msg::LandingMode;
@@ -86,10 +85,8 @@ pub struct RehearsalPlan {
 
 impl RehearsalPlan {
     pub fn of(args: &RehearseArgs) -> Result<RehearsalPlan, CliError> {
-        let (mut vessel_file, mut drone_file) = (
-            table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?,
-            table(args.drone_config.as_deref(), SHIPPED_DRONE)?,
-        );
+        let mut vessel_file = table(args.vessel_config.as_deref(), SHIPPED_VESSEL)?;
+        let mut drone_file = table(args.drone_config.as_deref(), SHIPPED_DRONE)?;
         // The installer's text is checked before any change.
         let vessel: VesselComputerConfig = read(&vessel_file, args.vessel_config.as_deref(), "vessel.toml")?;
         let drone: DroneComputerConfig = read(&drone_file, args.drone_config.as_deref(), "drone.toml")?;
@@ -247,7 +244,8 @@ fn radio(
         let first = endpoints.first().map(String::as_str).unwrap_or_default();
         first.split('/').next().unwrap_or_default().to_owned()
     };
-    let (listens, connects) = (transport(&vessel.radio.listen), transport(&drone.radio.connect));
+    let listens = transport(&vessel.radio.listen);
+    let connects = transport(&drone.radio.connect);
     let port = free_port()?;
     let listen = vec![format!("{listens}/{HOST}:{port}")];
     let connect = vec![format!("{connects}/{HOST}:{port}")];
@@ -304,7 +302,8 @@ fn contradictions(vessel: &VesselComputerConfig, drone: &DroneComputerConfig) ->
         all.push("[vessel.deck] and [drone.deck] differ".into());
     }
     if vessel.vessel_id != drone.bridge.vessel_id {
-        let (own, other) = (vessel.vessel_id, drone.bridge.vessel_id);
+        let own = vessel.vessel_id;
+        let other = drone.bridge.vessel_id;
         all.push(format!("vessel_id is {own} on the vessel, {other} on the drone"));
     }
     all
@@ -371,7 +370,8 @@ fn scenario(
     }
     // Both computers are this one: their clock is the steady clock, which the vehicles' time stamps follow.
     s.sensors.clocks.epoch_s = epoch_ns as f64 * 1e-9;
-    (s.sensors.clocks.offset_s, s.sensors.clocks.drift_ppm) = (0.0, 0.0);
+    s.sensors.clocks.offset_s = 0.0;
+    s.sensors.clocks.drift_ppm = 0.0;
     for (source, carries) in sources.iter().zip(assigned(sources)?) {
         if carries.imu {
             let own = vessel.vessel.imu.lever_arm_m;
@@ -387,7 +387,8 @@ fn scenario(
             s.sensors.vessel_heading.latency_s = source.latency_s;
         }
         if source.is_base() {
-            let (own, deck) = (vessel.vessel.gnss.antenna_m, vessel.vessel.deck.centre_m);
+            let own = vessel.vessel.gnss.antenna_m;
+            let deck = vessel.vessel.deck.centre_m;
             let antenna_m = source.mount.antenna_m.unwrap_or(own);
             s.sensors.moving_base = Some(MovingBaseConfig {
                 antenna_m: core::array::from_fn(|k| antenna_m[k] - deck[k]),

@@ -25,7 +25,8 @@ fn newest(root: &Path) -> (bool, String) {
         return (false, "nothing is recorded".into());
     };
     let outcome = flight.summary().unwrap_or_default().outcome;
-    let (parts, mb) = (flight.parts().0, flight.bytes() as f64 / 1e6);
+    let parts = flight.parts().0;
+    let mb = flight.bytes() as f64 / 1e6;
     let ok = parts > 0 && outcome.ends_with("landed");
     (ok, format!("{outcome}, {parts} files, {mb:.1} MB"))
 }

@@ -88,7 +88,8 @@ impl Rehearsal<'_> {
         }
         let sources = self.vessel_status().map(|s| s.sources()).unwrap_or_default();
         let is_fresh = |s: &SourceHealth| s.age_s.is_some_and(|age| age < 1.0);
-        let (back, all) = (sources.iter().filter(|s| is_fresh(s)).count(), sources.len());
+        let back = sources.iter().filter(|s| is_fresh(s)).count();
+        let all = sources.len();
         let figure = format!("{report}, {back} of {all} sensors back");
         let what = format!("alight-vessel, {happened}");
         list.add(list::VESSEL, what, recovered && back == all, figure);
@@ -135,7 +136,8 @@ impl Rehearsal<'_> {
             Some(MetricValue::Seconds(s)) => s,
             Some(_) | None => f64::NAN,
         };
-        let (images, tags) = (count(MetricName::Images), count(MetricName::TagDetections));
+        let images = count(MetricName::Images);
+        let tags = count(MetricName::TagDetections);
         let figure = format!(
             "{tags} of {images} images, {:.0} ms old (99 %: {:.0})",
             1e3 * seconds(MetricName::ExposureToFixP50),

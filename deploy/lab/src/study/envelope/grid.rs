@@ -121,7 +121,8 @@ impl EnvelopeGrid {
     }
     /// Reason why no limit can be drawn, if the trials are too few.
     pub fn too_few(&self) -> Option<String> {
-        let (trials, needed) = (self.trials as usize, successes_to_show(self.rate));
+        let trials = self.trials as usize;
+        let needed = successes_to_show(self.rate);
         let shown = 100.0 * wilson(trials, trials).0;
         (trials < needed).then(|| {
             format!(
@@ -153,20 +154,22 @@ impl EnvelopeGrid {
     /// Force with which the deck has to hold the drone in every wind from this direction, N; None if 1 kN does not
     /// suffice.
     pub fn hold_n(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
-        let here = cells
-            .iter()
-            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
-        here.map(|c| c.hold_n)
+        within(cells, state, from_deg)
+            .map(|c| c.hold_n)
             .try_fold(0.0_f64, |most, n| Some(most.max(n?)))
     }
     /// Fastest wind, m/s, up to which every wind from this direction is within the limit; None if the lightest is
     /// not.
     pub fn limit(&self, cells: &[EnvelopeCell], state: u8, from_deg: f64) -> Option<f64> {
-        let here = cells
-            .iter()
-            .filter(|c| (c.state, c.from_deg) == (state, from_deg));
-        here.take_while(|c| c.is_within(self.rate))
+        within(cells, state, from_deg)
+            .take_while(|c| c.is_within(self.rate))
             .last()
             .map(|c| c.wind_mps)
     }
+}
+
+/// Cells with this sea state and wind direction.
+fn within(cells: &[EnvelopeCell], state: u8, from_deg: f64) -> impl Iterator<Item = &EnvelopeCell> {
+    let here = move |c: &&EnvelopeCell| (c.state, c.from_deg) == (state, from_deg);
+    cells.iter().filter(here)
 }

@@ -25,7 +25,8 @@ pub fn needed_n(scenes: &[StudyRow], seed0: u64, jobs: Option<u16>) -> Result<Ve
 
 /// Force in one draw of the sea, from the steepest apparent slopes in two minutes of the deck's true motion.
 fn of_draw(row: &StudyRow, seed: u64) -> Result<Option<f64>, CliError> {
-    let (world, nodes) = (&row.world, &row.nodes);
+    let world = &row.world;
+    let nodes = &row.nodes;
     let mut physics = Physics::new(world, seed).doing(format_args!(
         "setting up the deck of seed {seed} at {}",
         row.scenario
@@ -35,10 +36,8 @@ fn of_draw(row: &StudyRow, seed: u64) -> Result<Option<f64>, CliError> {
         physics.advance();
     }
     let mut slope = ApparentSlope::default();
-    let (ticks, every) = (
-        (SLOPE_WINDOWS as f64 * SLOPE_WINDOW_S / TICK.secs()) as u64,
-        (1.0 / RATE_HZ / TICK.secs()) as u64,
-    );
+    let ticks = (SLOPE_WINDOWS as f64 * SLOPE_WINDOW_S / TICK.secs()) as u64;
+    let every = (1.0 / RATE_HZ / TICK.secs()) as u64;
     let mut way = Vector2::zeros();
     for tick in 0..ticks {
         physics.advance();

@@ -43,7 +43,8 @@ fn scene(base: &Scene, (state, wind, from): (u8, f64, f64)) -> StudyRow {
         0.0
     };
     let (east, north) = from.to_radians().sin_cos();
-    let (north, east) = (way - wind * north, -wind * east);
+    let north = way - wind * north;
+    let east = -wind * east;
     world.drone.wind.mean_mps = north.hypot(east);
     world.drone.wind.to_deg = Some(east.atan2(north).to_degrees());
     world.drone.wind.with_waves = false;
@@ -99,7 +100,8 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
 }
 
 pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
-    let (grid, base) = (EnvelopeGrid::of(args), base(args)?);
+    let grid = EnvelopeGrid::of(args);
+    let base = base(args)?;
     let scenes: Vec<StudyRow> = grid.conditions().map(|c| scene(&base, c)).collect();
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     note(
