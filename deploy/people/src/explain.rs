@@ -133,11 +133,11 @@ fn content(text: &str) -> BTreeSet<String> {
     tokens(text).into_iter().filter(|w| w.len() > 3).collect()
 }
 
-/// Message with the code `query`, or the messages that share the most terms with it, shortest first. A line of the
+/// Message with the code or text `query`, or the messages that share the most terms with it, shortest first. A line of the
 /// page may contain a whole message among other text.
 fn matching<'a>(all: &'a [Explained], query: &str) -> Vec<&'a Explained> {
-    let by_code = all.iter().filter(|e| e.code.eq_ignore_ascii_case(query.trim()));
-    let by_code: Vec<&Explained> = by_code.collect();
+    let is = |text: &str| text.eq_ignore_ascii_case(query.trim());
+    let by_code: Vec<&Explained> = all.iter().filter(|e| is(&e.code) || is(&e.text)).collect();
     if !by_code.is_empty() {
         return by_code;
     }
@@ -212,7 +212,12 @@ mod tests {
             Some("DeckReserved".into())
         );
         assert_eq!(found("COM_OF_LOSS_T is 1 s"), Some("AutopilotParameter".into()));
-        for unknown in ["weather tomorrow", "NO-GO", "not at home on the deck after noon"] {
+        for text in ["GO", "NO-GO", "WAITS", "ACT"] {
+            assert_eq!(matching(&all, text)[0].text, text);
+        }
+        let taken = matching(&all, "abort taken: Landed, nothing to stop")[0].advice;
+        assert!(taken.contains("has stopped"), "{taken}");
+        for unknown in ["weather tomorrow", "not at home on the deck after noon"] {
             assert_eq!(found(unknown), None, "{unknown}");
         }
         assert_eq!(found("not at rest on the deck after 180 s"), Some(String::new()));
@@ -227,7 +232,8 @@ mod tests {
         const FOUND: &str = ".warning(~.broken(~.stopping(~found =~FOUND: &str =~Some(~begins =~counts =~unknown(~\
                              =>~(|| {~unit)|~|id|~in [";
         const SENSORS: &str = "bus bus/devices bus/network heights signalk/mod nmea/account rtcm ubx";
-        const STYLES: &str = "font prefers element( aria camera-image track-scale turns wide title padStart";
+        const STYLES: &str =
+            "font prefers element( aria camera-image track-scale turns wide title padStart describe(";
         let read = |name: &str| {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(name);
             let code = fs::read_to_string(path).unwrap().replace("\\\"", "'");

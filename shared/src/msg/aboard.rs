@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AttitudeFix, Course, CourseAdvice, DroneStatus, GnssFix, Header, HeadingFix, ImuSample, Seq, Text,
+    VesselEstimate,
 };
 use crate::time::VesselClock;
 
@@ -267,6 +268,10 @@ pub struct EstimatorStatus {
     pub motion: Seq<[f64; 3], 16>,
     /// Course and speed over ground without wave motion: velocity north and east, m/s; None before the first estimate.
     pub mean_velocity: Option<[f64; 2]>,
+    /// Motion of the last 10 to 20 minutes.
+    pub greatest: DeckMotion,
+    /// Heading without wave motion, rad; None before the first estimate.
+    pub heading: Option<f32>,
     /// Significant wave height, m, and confidence in the identified waves, 0 to 1.
     pub waves: Option<[f64; 2]>,
     /// Advice for the helm, once the wave directions are known.
@@ -277,6 +282,48 @@ pub struct EstimatorStatus {
     pub restarts: u64,
     /// Inputs rejected before the gates.
     pub rejected: u64,
+}
+
+/// Motion of the deck in the last 10 to 20 minutes, as helideck monitoring states it (CAP 437).
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct DeckMotion {
+    /// Number of estimates.
+    pub samples: u32,
+    /// Greatest absolute roll, rad.
+    pub roll: f64,
+    /// Greatest absolute pitch, rad.
+    pub pitch: f64,
+    /// Greatest inclination, rad.
+    pub inclination: f64,
+    /// Significant heave rate: twice the root mean square of the vertical speed, m/s.
+    pub heave_rate: f64,
+}
+
+impl DeckMotion {
+    /// Motion at the time of one estimate.
+    pub fn of(e: &VesselEstimate<VesselClock>) -> DeckMotion {
+        let [_, _, _, roll, pitch, _] = e.eta;
+        DeckMotion {
+            samples: 1,
+            roll: roll.abs(),
+            pitch: pitch.abs(),
+            inclination: (roll.cos() * pitch.cos()).acos(),
+            heave_rate: 2.0 * f64::from(e.eta_dot[2].abs()),
+        }
+    }
+    /// Motion of two spans together.
+    pub fn and(self, other: DeckMotion) -> DeckMotion {
+        let [n, more] = [self, other].map(|m| f64::from(m.samples));
+        let squares = n * self.heave_rate.powi(2) + more * other.heave_rate.powi(2);
+        DeckMotion {
+            samples: self.samples + other.samples,
+            roll: self.roll.max(other.roll),
+            pitch: self.pitch.max(other.pitch),
+            inclination: self.inclination.max(other.inclination),
+            heave_rate: (squares / (n + more).max(1.0)).sqrt(),
+        }
+    }
 }
 
 /// State of the deck and of the commands about it.

@@ -124,6 +124,8 @@ pub struct ComputerReport {
     pub deck: Option<DeckDimensions>,
     /// Maximum duration of a disarm on the deck, s; None: unknown.
     pub disarm_s: Option<f64>,
+    /// Greatest tilt of a deck to land on, rad; None on a vessel.
+    pub deck_tilt_rad: Option<f64>,
     /// Processes that run and report.
     pub processes: Seq<ProcessKind, MAX_PROCESSES>,
     /// Remark that the configuration was edited after the start.

@@ -37,9 +37,13 @@ impl DroneStatus {
             station: mission.station.map(|kept| kept.station),
         }
     }
-    /// Condition that the mission waits for or, for a short time, the reason why an order was rejected.
+    /// Condition that the mission waits for, with a station's position.
     pub fn waits(&self) -> String {
-        self.rejected.unwrap_or(self.waiting).to_string()
+        let waits = self.waiting.to_string();
+        match self.station {
+            Some(station) => waits.replacen("its station", &format!("its station {station}"), 1),
+            None => waits,
+        }
     }
     /// Whether the mission's state is current. An outdated one does not describe the drone's actions, but
     /// the status still shows its position.

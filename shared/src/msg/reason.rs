@@ -51,7 +51,8 @@ impl fmt::Display for TwoDigits {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let size = self.0.abs();
         let decimals = usize::from(size < 9.95) + usize::from(size < 0.995);
-        write!(f, "{:.decimals$}", self.0)
+        let value = if size < 0.005 { 0.0 } else { self.0 };
+        write!(f, "{value:.decimals$}")
     }
 }
 
@@ -116,17 +117,13 @@ macro_rules! reasons {
 
         impl fmt::Display for Reason {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                let $v = self.value;
-                let $l = self.limit;
-                let $v_two = TwoDigits($v);
-                let $l_two = TwoDigits($l);
-                let $v_percent = 100.0 * $v;
-                let $l_percent = 100.0 * $l;
-                let $v_deg = $v.to_degrees();
-                let $l_deg = $l.to_degrees();
-                let $left = ($v - $l).max(0.0);
-                let $likely = $v_percent.floor();
-                let $needed = $l_percent.ceil();
+                // A small negative value would be displayed as -0.
+                let shown = |x: f64| if x > -0.5 && x <= 0.0 { 0.0 } else { x };
+                let ($v, $l) = (shown(self.value), shown(self.limit));
+                let ($v_two, $l_two) = (TwoDigits($v), TwoDigits($l));
+                let ($v_percent, $l_percent) = (100.0 * $v, 100.0 * $l);
+                let ($v_deg, $l_deg) = ($v.to_degrees(), $l.to_degrees());
+                let ($left, $likely, $needed) = (($v - $l).max(0.0), $v_percent.floor(), $l_percent.ceil());
                 match self.code {
                     $(ReasonCode::$code => {
                         $(if $when {
@@ -155,7 +152,8 @@ reasons! {
     NotFlying { "not flying, not armed, or not in OFFBOARD (PX4) or GUIDED (ArduPilot)";
         if v > 0.0 => "armed, but not in OFFBOARD (PX4) or GUIDED (ArduPilot)" }
     /// No vessel message received yet.
-    NoVessel { "no vessel state received from within 100 km" }
+    NoVessel { "no vessel state received from within 100 km";
+        if v > 0.0 && v.is_finite() => "no vessel state for {v_two} s (limit {l_two})" }
     /// Own odometry too old, s.
     OdometryStale { "own odometry {v_two} s old (limit {l_two})";
         if v.is_infinite() => "no odometry of the autopilot yet" }
@@ -165,7 +163,8 @@ reasons! {
     /// Neither a tag nor a UVDAR marker detected yet.
     NoVision { "deck not detected yet" }
     /// The deck has not been detected for too long, s.
-    VisionLost { "deck not detected for {v_two} s (limit {l_two})" }
+    VisionLost { "deck not detected for {v_two} s (limit {l_two})";
+        if v.is_infinite() => "deck not detected yet" }
     /// Horizontal distance to the deck is too large, m.
     TooFar { "{v_two} m off the deck (limit {l_two} m)" }
     /// Relative horizontal speed is too large, m/s.

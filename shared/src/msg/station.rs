@@ -5,8 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{MissionState, ReasonCode};
-use crate::time::{DroneTime, Span, Time};
+use crate::time::{DroneClock, Span, Time};
 
 /// Maximum height of a station above the deck's mean level, m.
 pub const MAX_STATION_HEIGHT_M: u8 = 50;
@@ -83,22 +82,6 @@ impl fmt::Display for Station {
     }
 }
 
-impl MissionState {
-    /// Condition that the mission waits for, with a station's position, or the reason why an order was rejected.
-    pub fn waits(&self) -> String {
-        if let Some(rejected) = self.rejected {
-            return rejected.to_string();
-        }
-        match self.station {
-            Some(kept) if self.waiting.code == ReasonCode::OnStation => {
-                let named = format!("its station {}", kept.station);
-                self.waiting.to_string().replacen("its station", &named, 1)
-            }
-            Some(_) | None => self.waiting.to_string(),
-        }
-    }
-}
-
 /// Station that a drone keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(C)]
@@ -129,7 +112,7 @@ impl KeptStation {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Reason;
+    use super::super::{DroneStatus, Reason, ReasonCode};
     use super::*;
 
     const ABEAM: Station = Station {
@@ -152,24 +135,15 @@ mod tests {
 
     #[test]
     fn station_in_a_status() {
-        let state = |off_m| MissionState {
-            station: Some(KeptStation {
-                station: ABEAM,
-                until: Time::EPOCH,
-            }),
+        let state = |off_m| DroneStatus {
+            station: Some(ABEAM),
             waiting: Reason::new(ReasonCode::OnStation, 700.0, off_m),
-            ..MissionState::default()
+            ..DroneStatus::default()
         };
         let near = "keeps its station 15 m up, 20 m to starboard, 12 min left";
         assert_eq!(state(1.0).waits(), near);
         let far = "40 m from its station 15 m up, 20 m to starboard, 12 min left";
         assert_eq!(state(40.0).waits(), far);
-        let why = Reason::new(ReasonCode::OrderExpired, 40.0, 30.0);
-        let rejected = MissionState {
-            rejected: Some(why),
-            ..state(1.0)
-        };
-        assert_eq!(rejected.waits(), why.to_string());
     }
 
     #[test]

@@ -20,8 +20,10 @@ pub(super) fn not_done(
         ControlState::Disarmed | ControlState::OnGround | ControlState::Ours => false,
     };
     match order {
+        // Afterwards no landing is ordered, even if none was before.
+        CommandKind::Abort => None,
         // While another authority flies the drone, only a waiting order can be stopped.
-        CommandKind::Abort | CommandKind::Hold => {
+        CommandKind::Hold => {
             let nothing = d.phase == MissionPhase::Idle && anothers && !before.landing;
             nothing.then(|| ReasonCode::NotInControl.into())
         }

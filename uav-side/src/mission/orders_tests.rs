@@ -56,7 +56,7 @@ fn is_done(order: CommandKind, before: &MissionProgress, d: &Decision, s: &Situa
                 s.flight,
                 ControlState::OtherControl(_) | ControlState::SetPointsLost | ControlState::Unknown
             );
-            let nothing = state == State::Idle && anothers && !before.landing;
+            let nothing = state == State::Idle && anothers && !before.landing && order == CommandKind::Hold;
             stops && !d.progress.landing && !nothing
         }
         CommandKind::TakeOff => state.is_take_off(),
@@ -110,9 +110,8 @@ fn orders_that_are_rejected_with_their_reason() {
         since: at(9.0),
         armed: None,
     };
-    let cases: [Case; 7] = [
+    let cases: [Case; 6] = [
         // The autopilot's own mission or a pilot flies the drone.
-        (MissionPhase::Idle, pilot, CommandKind::Abort, NotInControl),
         (MissionPhase::Idle, pilot, CommandKind::Hold, NotInControl),
         (
             MissionPhase::Idle,

@@ -205,7 +205,11 @@ fn idle(progress: &mut MissionProgress, s: &Situation, c: &MissionConfig) -> Pha
             let known = Reason::new(ReasonCode::KnownByBeacon, sd_m, age_s);
             MissionPhase::GetAltitude { from }.enter(known)
         }
-        (_, _) => idle.stay(s.several.unwrap_or(NoVessel.into())),
+        (deck, _) => {
+            let age_s = deck.map_or(f64::INFINITY, |deck| deck.radio_age_s);
+            let silent = Reason::new(NoVessel, age_s, c.radio_fresh_s);
+            idle.stay(s.several.unwrap_or(silent))
+        }
     }
 }
 
@@ -244,7 +248,7 @@ fn approach(detected: Option<DroneTime>, s: &Situation, c: &MissionConfig) -> Ph
     }
     let blind = deck.vision_age_s > c.vision_fresh_s;
     if blind && deck.radio_age_s > c.radio_lost_s && deck.beacon.is_none() {
-        return holding(HoldCause::Data, s, c).enter(NoVessel);
+        return holding(HoldCause::Data, s, c).enter(Reason::new(NoVessel, deck.radio_age_s, c.radio_lost_s));
     }
     if let Some(why) = s.waits(c) {
         let z = s.mean_deck_z.unwrap_or(f64::INFINITY) - s.approach_height_m(c);
@@ -524,7 +528,11 @@ fn held(
         return hold(None).stay(why);
     }
     if deck.vision_age_s > c.vision_fresh_s && deck.radio_age_s > c.radio_fresh_s && deck.beacon.is_none() {
-        return hold(None).stay(Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s));
+        return hold(None).stay(if deck.vision_age_s.is_finite() {
+            Reason::new(VisionLost, deck.vision_age_s, c.vision_fresh_s)
+        } else {
+            Reason::new(NoVessel, deck.radio_age_s, c.radio_fresh_s)
+        });
     }
     let (fresh, lasted) = lasting(true, fresh, s.now);
     if lasted < RECOVER_S {

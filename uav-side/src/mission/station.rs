@@ -56,7 +56,7 @@ fn lost(s: &Situation, c: &MissionConfig) -> Option<Reason> {
         Some(deck) => deck.radio_age_s,
         None => s.forecast_age_s.max(s.odometry_age_s),
     };
-    exceeds(NoVessel, silent_s, c.radio_lost_s).map(|_| NoVessel.into())
+    exceeds(NoVessel, silent_s, c.radio_lost_s)
 }
 
 /// Reason to reject a station in `phase`.
@@ -84,7 +84,7 @@ fn rejected(
         .or_else(|| s.fresh_deck().and_then(|deck| too_far(deck, c)))
         .or_else(|| {
             let radio_age_s = s.fresh_deck().map_or(f64::INFINITY, |d| d.radio_age_s);
-            exceeds(NoVessel, radio_age_s, c.radio_fresh_s).map(|_| NoVessel.into())
+            exceeds(NoVessel, radio_age_s, c.radio_fresh_s)
         })
         .or_else(|| impossible(station, s, c))
 }

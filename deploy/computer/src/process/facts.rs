@@ -34,6 +34,7 @@ impl Facts {
                 title: title.as_str().into(),
                 drone_id: Some(bridge.drone_id),
                 deck: Some(computer.drone.deck.dimensions()),
+                deck_tilt_rad: Some(computer.drone.mission.deck_tilt_rad),
                 disarm_s: Some(computer.autopilot.disarm.longest_s()),
                 processes: Seq::filled(computer.processes()),
                 knots: computer.view.knots,

@@ -23,7 +23,7 @@ pub fn give(
 pub fn answer(drone: u32, mission: &MissionState, taken: bool) -> Vec<String> {
     let mut lines = vec![
         format!("drone {drone}: {}", mission.state.because(&mission.entered)),
-        format!("waiting: {}", mission.waits()),
+        format!("waiting: {}", mission.waiting),
     ];
     if !taken {
         let why = mission.rejected.map(|why| format!(": {why}"));

@@ -28,7 +28,9 @@ pub fn time(s: f64) -> String {
 
 /// Time in whole numbers, from seconds to hours.
 pub fn minutes(s: f64) -> String {
-    if !(s >= 90.0) {
+    if !s.is_finite() {
+        "-".into()
+    } else if s < 90.0 {
         format!("{s:.0} s")
     } else if s < 5400.0 {
         format!("{:.0} min", s / 60.0)

@@ -52,6 +52,7 @@ impl VesselStatusReport {
                 // Samples that do not fit would be too late for the page's picture of the motion.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
+            estimator.heading = Some(e.mean_heading[0]);
             estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));
             let variance = |i: usize| e.covariance(i)[0];
             estimator.sd = [

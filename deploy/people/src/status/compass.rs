@@ -5,10 +5,13 @@ use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
 use serde::Serialize;
 
 use super::Figure;
+use super::go::descends;
 
 /// Minimum speed for a course over ground to be shown, m/s.
 const STILL_MPS: f64 = 0.3;
 const CALM: &str = "calm";
+/// Half the deviation below which a drone reports the wind, m/s: its report has no deviation.
+const REPORTED_SD_MPS: f64 = 1.5;
 /// Half-width of the sectors called ahead and astern, deg.
 const ABOUT_DEG: f64 = 5.0;
 
@@ -68,17 +71,27 @@ pub fn bow_text(from_bow_deg: f64) -> String {
 }
 
 /// Direction from which the wind blows, deg from the bow, and its text. None if the wind is unknown or calm.
-fn wind_from_bow(blows: Option<Wind>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
+fn wind_from_bow(blows: Option<Wind>, sd_mps: f64, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
     let Some(blows) = blows else {
         return (None, "wind unknown".into());
     };
     if wind(blows, false) == CALM {
         return (None, CALM.into());
     }
+    if blows.speed_mps < 2.0 * sd_mps {
+        return (None, "light wind from no certain direction".into());
+    }
     let from = from_bow(blows.from_deg as f64, heading_deg);
     let speed = wind(blows, knots);
     let speed = speed.split(" from").next().unwrap_or_default();
     (Some(from), format!("wind {speed} from {}", bow_text(from)))
+}
+
+/// The vessel's advice, except during a descent, which a turn would break off.
+pub fn advised(s: &ObservedSituation) -> Option<CourseAdvice> {
+    let descends = s.snapshot.mission.is_some_and(|m| descends(m.state));
+    let advice = s.snapshot.wave.fresh(s.now_ns)?.advice;
+    if descends { None } else { advice }
 }
 
 /// Compass of the drone, from the forecast's heading, the odometry's wind and the vessel's advice.
@@ -90,24 +103,29 @@ pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
         .mean_heading
         .to_degrees()
         .rem_euclid(360.0);
-    let blows = s
-        .snapshot
-        .drone
-        .fresh(s.now_ns)
-        .and_then(|d| d.wind)
-        .map(Wind::towards);
-    let (wind_from_deg, text) = wind_from_bow(blows, heading_deg, s.known.knots);
-    let received = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
+    let drone = s.snapshot.drone.fresh(s.now_ns);
+    let blows = drone.and_then(|d| d.wind).map(Wind::towards);
+    let sd_mps = drone.and_then(|d| d.wind_sd_mps).unwrap_or_default();
+    Some(compass(heading_deg, blows, sd_mps, advised(s), s.known.knots))
+}
+
+fn compass(
+    heading_deg: f64,
+    blows: Option<Wind>,
+    sd_mps: f64,
+    received: Option<CourseAdvice>,
+    knots: bool,
+) -> Compass {
+    let (wind_from_deg, wind) = wind_from_bow(blows, sd_mps, heading_deg, knots);
     let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
-    Some(Compass {
+    let advice = received.map(|a| format!("; {}", advice(&a, knots)));
+    Compass {
         heading_deg,
         wind_from_deg,
         waves_from_deg,
         advised_deg: advised_deg.flatten(),
-        text: received
-            .as_ref()
-            .map_or(text.clone(), |a| format!("{text}; {}", advice(a, s.known.knots))),
-    })
+        text: wind + &advice.unwrap_or_default(),
+    }
 }
 
 pub fn bearing_deg(rad: f32) -> f64 {
@@ -160,19 +178,20 @@ fn of_advice(a: &CourseAdvice) -> (f64, Option<f64>) {
     (waves, a.is_change().then(|| from_bow(best, now)))
 }
 
-/// Compass of the vessel, from its estimator's advice and the wind that a drone has reported.
+/// Advice for the helm, except while a drone descends, which a turn would break off.
+pub fn advised_aboard(status: &VesselStatus) -> Option<CourseAdvice> {
+    if status.drones.iter().any(|d| descends(d.status.state)) {
+        None
+    } else {
+        status.estimator.advice
+    }
+}
+
+/// Compass of the vessel, from its estimate and the wind that a drone has reported.
 pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
-    let a = status.estimator.advice?;
-    let (waves, advised_deg) = of_advice(&a);
-    let heading_deg = bearing_deg(a.heading[0]);
-    let (wind_from_deg, wind) = wind_from_bow(blows, heading_deg, knots);
-    Some(Compass {
-        heading_deg,
-        waves_from_deg: Some(waves),
-        advised_deg,
-        text: format!("{wind}; {}", advice(&a, knots)),
-        wind_from_deg,
-    })
+    let heading_deg = bearing_deg(status.estimator.heading?);
+    let received = advised_aboard(status);
+    Some(compass(heading_deg, blows, REPORTED_SD_MPS, received, knots))
 }
 
 #[cfg(test)]
@@ -220,6 +239,7 @@ mod tests {
             waves_to: rad(210.0),
         };
         status.estimator.advice = Some(a);
+        status.estimator.heading = Some(a.heading[0]);
         let compass = of_vessel(&status, Some(Wind::towards([-6.2, 0.0])), false).unwrap();
         assert!(
             compass

@@ -6,8 +6,8 @@ use alight_computer::situation::ObservedSituation;
 use alight_shared::geodesy::Datum;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, LandedState, LandingMode, MissionState,
-    ReasonCode, ShadowComparison, Solve, State, TwoDigits, VesselLevel, Wind, still_armed,
+    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, DroneStatus, LandedState, LandingMode,
+    MissionState, ReasonCode, ShadowComparison, State, TwoDigits, VesselLevel, Wind, still_armed,
 };
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Time;
@@ -44,9 +44,6 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
             let found = format!("no landing: {}", a.rejection);
             all.push(TOPIC.stopping(found, advice(a.rejection.code)));
         }
-        if a.warning.code != ReasonCode::None {
-            all.push(TOPIC.warning(a.warning.to_string(), advice(a.warning.code)));
-        }
     }
     if let Some(p) = s.process(ProcessKind::Autopilot)
         && let Some((signatures, remedy_of_signatures)) =
@@ -78,6 +75,12 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
         let remedy =
             "if this persists, check drone.airframe.gnss_antenna_m and the mount of the vessel's receiver";
         all.push(FindingTopic("relative").warning(found, remedy));
+    }
+    // Known since the start, so what has just been lost comes first.
+    if let Some(a) = autopilot
+        && a.warning.code != ReasonCode::None
+    {
+        all.push(FindingTopic("autopilot").warning(a.warning.to_string(), advice(a.warning.code)));
     }
     all.extend(s.snapshot.frame().map(frame));
     all
@@ -234,31 +237,35 @@ pub fn frame((origin, deck_m): (Datum, Option<f64>)) -> Finding {
     }
 }
 
+/// The mission's report as its vessel receives it; without an autopilot, the motors count as armed.
+fn reported(s: &ObservedSituation, m: &MissionState) -> DroneStatus {
+    let autopilot = s.snapshot.autopilot.as_ref();
+    DroneStatus {
+        armed: autopilot.is_none_or(|a| a.armed),
+        ..DroneStatus::of(m.header, m, autopilot, None)
+    }
+}
+
 pub fn go(s: &ObservedSituation, findings: &[Finding]) -> Go {
     let Some(m) = s.snapshot.mission.as_ref() else {
         return Go::of(findings, unknown(s));
     };
-    let alarm = |f: &&Finding| f.level == FindingLevel::Broken && ["mission", "armed"].contains(&f.topic);
-    let alarm = findings.iter().find(alarm);
-    if go::descends(m.state) {
-        return Go::landing(alarm, goes_on(s).unwrap_or_else(|| "no action needed".into()));
-    }
-    let armed = s.snapshot.autopilot.is_none_or(|a| a.armed);
-    if let Some(ended) = Go::ended(m.state, &m.entered, armed).filter(|_| alarm.is_none()) {
-        return ended;
+    let acts = m.waits_in_trouble() && !go::descends(m.state);
+    let alarm = findings.iter().find(|f| match f.topic {
+        "mission" => f.level == FindingLevel::Broken || acts && f.found.ends_with(&m.waiting.to_string()),
+        topic => topic == "armed",
+    });
+    let lost_s = radio_lost_s(s).filter(|s| s.is_finite());
+    let how = if go::descends(m.state) || lost_s.is_some() && landing_without_radio(s) {
+        goes_on(s)
+    } else {
+        None
+    };
+    if let Some(answer) = Go::answer(&reported(s, m), alarm, how) {
+        return answer;
     }
     let barred = go::barred(m.state, &m.entered).filter(|_| !s.snapshot.mission.is_old(s.now_ns));
-    let go = Go::of(findings, unknown(s)).worse(barred.map(Go::barred));
-    // Before a descent, a lost radio is no reason to abort while the mission handles the loss by itself.
-    if !landing_without_radio(s) || radio_lost_s(s).is_none_or(f64::is_infinite) || go.go == Some(false) {
-        return go;
-    }
-    let how = goes_on(s).unwrap_or_default();
-    if sees_deck(s) {
-        Go { why: how, ..go }
-    } else {
-        Go::unknown(how)
-    }
+    Go::of(findings, unknown(s)).worse(barred.map(Go::barred))
 }
 
 fn unknown(s: &ObservedSituation) -> Option<&'static str> {
@@ -282,7 +289,6 @@ fn unknown(s: &ObservedSituation) -> Option<&'static str> {
 fn no_waves(s: &ObservedSituation, mission: &MissionState) -> Option<&'static str> {
     match (mission.min_vessel, s.snapshot.wave.fresh(s.now_ns)) {
         (VesselLevel::Tag | VesselLevel::Beacon, _) => None,
-        (VesselLevel::Computer, None) if landing_without_radio(s) && sees_deck(s) => None,
         (VesselLevel::Computer, None) => Some("the vessel's waves are not known yet"),
         (VesselLevel::Computer, Some(wave)) => go::no_forecast(wave.confidence.into()),
     }
@@ -295,18 +301,9 @@ pub fn state(s: &ObservedSituation) -> Option<StateView> {
     } else {
         (m.header.at - m.since).secs() + s.snapshot.mission.age_s(s.now_ns)
     };
-    let code = m.rejected.unwrap_or(m.waiting).code;
-    let waits = go::waits(m.state, code, m.waits());
-    Some(StateView {
-        name: m.state.named(&m.entered).into(),
-        does: m.state.does(),
-        since_s,
-        entered: m.entered.to_string(),
-        sentence: go::sentence(m.state, &m.entered, code, waits.clone()),
-        waiting: waits,
-        stages: go::stages(m.state),
-        stale: s.snapshot.mission.is_old(s.now_ns),
-    })
+    let name = m.state.named(&m.entered).into();
+    let stale = s.snapshot.mission.is_old(s.now_ns);
+    Some(go::view(&reported(s, m), name, since_s, stale))
 }
 
 pub fn headline(state: Option<&StateView>) -> String {
@@ -332,7 +329,6 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
         wind(s),
         waves(s),
         autopilot(s),
-        touchdown(s),
     ];
     all.extend(
         s.snapshot
@@ -343,8 +339,7 @@ pub fn figures(s: &ObservedSituation) -> Vec<Figure> {
     );
     all.extend(probability(s));
     all.extend(relative(s));
-    let advice = s.snapshot.wave.fresh(s.now_ns).and_then(|w| w.advice);
-    all.extend(advice.map(|a| compass::figure(&a, s.known.knots)));
+    all.extend(compass::advised(s).map(|a| compass::figure(&a, s.known.knots)));
     all.extend(s.snapshot.response.as_ref().map(response));
     all.extend(processes(s));
     all
@@ -411,14 +406,19 @@ fn link_figure(s: &ObservedSituation) -> Figure {
     if age_s.is_infinite() {
         return Figure::unknown(NAME);
     }
-    let note = format!(
-        "{:.1} % lost, latency {} / {} (p50/p99), clocks +- {}",
-        100.0 * l.loss,
-        time(l.latency_p50_s),
-        time(l.latency_p99_s),
-        time(l.clock_offset_sd_s)
-    );
-    let old = age_s > topics::ESTIMATE.stale_after.secs();
+    // A lost radio has no present loss and latency, and its age is true.
+    let note = if age_s > topics::ESTIMATE.stale_after.secs() {
+        "radio lost".into()
+    } else {
+        format!(
+            "{:.1} % lost, latency {} / {} (p50/p99), clocks +- {}",
+            100.0 * l.loss,
+            time(l.latency_p50_s),
+            time(l.latency_p99_s),
+            time(l.clock_offset_sd_s)
+        )
+    };
+    let old = s.snapshot.link.is_old(s.now_ns);
     Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
 }
 
@@ -559,36 +559,6 @@ fn relative(s: &ObservedSituation) -> Option<Figure> {
     let stale = s.snapshot.forecast.is_old(s.now_ns) || r.age_s > topics::RELATIVE.stale_after.secs();
     let note = format!("moving-base position, {by_tags}");
     Some(Figure::of("relative", value, note).stale(stale))
-}
-
-fn touchdown(s: &ObservedSituation) -> Figure {
-    const NAME: &str = "touchdown";
-    let Some(p) = *s.snapshot.plan else {
-        return Figure::unknown(NAME);
-    };
-    let (age_s, stale) = (s.snapshot.plan_age_s(s.now_ns), s.snapshot.plan.is_old(s.now_ns));
-    let stands = s
-        .snapshot
-        .mission
-        .as_ref()
-        .is_some_and(|m| m.state == State::Landed);
-    let left_s = p.touchdown_at.map(|at| (at - p.header.at).secs() - age_s);
-    Figure {
-        value: match left_s {
-            _ if stands => Some("done".into()),
-            // The countdown of an outdated plan is invalid.
-            Some(_) if stale => None,
-            Some(s) => Some(format!("in {} s", TwoDigits(s.max(0.0)))),
-            None => Some("not planned".into()),
-        },
-        note: match p.solve {
-            _ if stale && !stands => format!("plan {} old", time(age_s)),
-            Solve::Optimal => String::new(),
-            Solve::IterationLimit | Solve::Infeasible => format!("plan {:?}", p.solve).to_lowercase(),
-        },
-        stale: stale && !stands,
-        ..Figure::unknown(NAME)
-    }
 }
 
 fn response(r: &AttitudeResponse) -> Figure {

@@ -1,6 +1,7 @@
-use alight_shared::msg::{Phase, Reason, ReasonCode, State};
+use alight_shared::msg::{DroneStatus, Phase, Reason, ReasonCode, State};
 use serde::Serialize;
 
+use super::StateView;
 use super::finding::{Finding, FindingLevel};
 
 /// Stages of a landing in order, without hold, idle and abort states.
@@ -30,27 +31,60 @@ pub fn barred(state: State, entered: &Reason) -> Option<String> {
     bars.then(|| state.because(entered))
 }
 
-/// Text of the condition that a state waits for. A flare does not wait: its text is its height or empty.
-pub fn waits(state: State, code: ReasonCode, text: String) -> String {
-    if state == State::Flare && code != ReasonCode::Flaring {
-        return String::new();
+/// Whether a landing is ordered. In `Idle` and `Hold` the awaited condition shows it.
+pub fn is_ordered(d: &DroneStatus) -> bool {
+    match d.state {
+        State::Idle | State::Hold => {
+            let unordered = matches!(
+                d.waiting.code,
+                ReasonCode::None
+                    | ReasonCode::NotCommanded
+                    | ReasonCode::Operator
+                    | ReasonCode::HandsOver
+                    | ReasonCode::HeldLow
+                    | ReasonCode::BatteryStopped
+            );
+            !unordered && d.station.is_none()
+        }
+        state => state.is_landing(),
     }
-    text
 }
 
-/// Most important sentence of a state: the reason why the landing ended or was set back; otherwise its progress, or
-/// `waits: ` with the condition of the next state (`waits_for`, the text of `code`); otherwise the drone's activity.
-pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: String) -> String {
-    let why = entered.to_string();
-    if (state.ending().is_some() || state.is_setback()) && !why.is_empty() {
+/// Whether the probability of a landing is too low.
+pub const fn is_unlikely(code: ReasonCode) -> bool {
+    matches!(
+        code,
+        ReasonCode::LikelyHard
+            | ReasonCode::LikelyFast
+            | ReasonCode::LikelyTilted
+            | ReasonCode::LikelyOutside
+            | ReasonCode::LikelySlides
+            | ReasonCode::TurnTooFast
+            | ReasonCode::HarmLikely
+    )
+}
+
+/// Condition of the next state. A flare has none: its violations last for a fraction of a second.
+fn awaited(d: &DroneStatus) -> String {
+    if d.state == State::Flare {
+        return String::new();
+    }
+    d.waits()
+}
+
+/// The outcome of an attempt that has ended; otherwise its progress, or `waits: ` with the condition of the next state;
+/// otherwise the drone's activity.
+fn sentence(d: &DroneStatus) -> String {
+    let why = d.entered.to_string();
+    let ended = d.state.ending().is_some() || d.state == State::StandDown;
+    if ended && !why.is_empty() {
         return why;
     }
     // These texts describe progress, not a missing condition.
     let goes_on = matches!(
-        code,
+        d.waiting.code,
         ReasonCode::Descending
             | ReasonCode::DescendingTo
-            | ReasonCode::Flaring
             | ReasonCode::Counting
             | ReasonCode::Leaving
             | ReasonCode::Searching
@@ -59,12 +93,27 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
             | ReasonCode::TurnsBack
             | ReasonCode::OnStation
     );
-    if waits_for.is_empty() {
-        state.does().into()
+    let waits = awaited(d);
+    if waits.is_empty() {
+        d.state.does().into()
     } else if goes_on {
-        waits_for
+        waits
     } else {
-        format!("waits: {waits_for}")
+        format!("waits: {waits}")
+    }
+}
+
+pub fn view(d: &DroneStatus, name: String, since_s: f64, stale: bool) -> StateView {
+    StateView {
+        name,
+        does: d.state.does(),
+        since_s,
+        entered: d.entered.to_string(),
+        waiting: awaited(d),
+        rejected: d.rejected.map(|why| why.to_string()).unwrap_or_default(),
+        sentence: sentence(d),
+        stages: stages(d.state),
+        stale,
     }
 }
 
@@ -73,7 +122,7 @@ pub fn sentence(state: State, entered: &Reason, code: ReasonCode, waits_for: Str
 pub struct Go {
     /// None if unknown.
     pub go: Option<bool>,
-    /// Verdict for the crew: before a descent GO, NO-GO or unknown; in a descent LANDING, or ACT if the crew has to
+    /// Verdict for the crew: before an order GO, NO-GO or unknown; after it LANDS, WAITS, or ACT if the crew has to
     /// act; then the outcome.
     pub verdict: &'static str,
     /// Activity of the drone, or action required of the crew.
@@ -97,21 +146,36 @@ impl Go {
             why: why.into(),
         }
     }
-    /// Judgement of a descent, which continues by the means `how` unless `alarm` requires the crew to act.
-    pub fn landing(alarm: Option<&Finding>, how: impl Into<String>) -> Go {
-        let (go, verdict) = if alarm.is_some() {
-            (false, "ACT")
-        } else {
-            (true, "LANDING")
-        };
-        Go {
-            go: Some(go),
-            verdict,
-            why: alarm.map_or_else(|| how.into(), |f| f.remedy.clone()),
+    /// Judgement of an ordered landing or of its end by the mission's report; None before an order. `alarm` requires
+    /// the crew to act; without one, the landing continues by the means `how`.
+    pub fn answer(d: &DroneStatus, alarm: Option<&Finding>, how: Option<String>) -> Option<Go> {
+        if !is_ordered(d) {
+            let ended = Go::ended(d.state, &d.entered, d.armed);
+            return ended.filter(|_| alarm.is_none());
         }
+        if let Some(alarm) = alarm {
+            let barred = Go::barred(alarm.remedy.as_str());
+            return Some(Go {
+                verdict: "ACT",
+                ..barred
+            });
+        }
+        let sinks = d.state == State::Descent && d.waiting.code == ReasonCode::Descending;
+        if sinks || d.state == State::Flare {
+            return Some(Go {
+                go: (!is_unlikely(d.waiting.code)).then_some(true),
+                verdict: "LANDS",
+                why: how.unwrap_or_else(|| "no action needed".into()),
+            });
+        }
+        let waits = Go::unknown(how.unwrap_or_else(|| sentence(d).replacen("waits: ", "", 1)));
+        Some(Go {
+            verdict: "WAITS",
+            ..waits
+        })
     }
     /// Outcome of an attempt that has ended as planned or by order; otherwise None.
-    pub fn ended(state: State, entered: &Reason, armed: bool) -> Option<Go> {
+    fn ended(state: State, entered: &Reason, armed: bool) -> Option<Go> {
         let verdict = state.named(entered);
         let why = if state == State::Landed && entered.code != ReasonCode::HardContact {
             if armed {
@@ -242,17 +306,6 @@ mod tests {
     }
 
     #[test]
-    fn worse_of_two_goes() {
-        let go = || Go::of(&[], None);
-        let (unknown, barred) = (|| Go::unknown("no wind"), || Go::barred("Landed"));
-        assert_eq!(go().worse(None), go());
-        assert_eq!(go().worse(Some(unknown())), unknown());
-        assert_eq!(unknown().worse(Some(go())), unknown());
-        assert_eq!(unknown().worse(Some(barred())), barred());
-        assert_eq!(barred().worse(Some(unknown())), barred());
-    }
-
-    #[test]
     fn states_in_which_no_landing_is_ordered() {
         let why = |state, code: ReasonCode| barred(state, &code.into());
         assert_eq!(
@@ -268,41 +321,106 @@ mod tests {
         );
     }
 
+    /// State, reason for entering it, reason for waiting, verdict and its colour, and the large sentence.
     #[test]
-    fn sentences_of_states() {
-        let of =
-            |state, entered: Reason, waits: Reason| sentence(state, &entered, waits.code, waits.to_string());
+    fn answer_and_sentence_of_each_state() {
         let none = Reason::default();
-        let sinking = Reason::new(ReasonCode::Descending, 2.1, 0.9);
+        let is = |code| Reason::new(code, 0.45, 0.95);
         let fast = Reason::new(ReasonCode::TooFast, 0.45, 0.3);
-        let aborted = Reason::from(ReasonCode::Operator);
-        for (state, entered, waits, expected) in [
+        let sinks = Reason::new(ReasonCode::Descending, 2.1, 0.9);
+        let steps = Reason::new(ReasonCode::DescendingTo, 5.0, 3.0);
+        let aborted = ReasonCode::Operator.into();
+        let idle = ReasonCode::NotCommanded.into();
+        let unlikely = is(ReasonCode::LikelyTilted);
+        let percent = "waits: probability of a landing 45 % (needs 95 %): the deck may tilt too far";
+        for (state, entered, waiting, verdict, go, sentence) in [
+            (State::Idle, none, idle, "", None, "waits: no landing commanded"),
             (
-                State::Idle,
-                none,
-                ReasonCode::NotCommanded.into(),
+                State::Hold,
+                aborted,
+                idle,
+                "",
+                None,
                 "waits: no landing commanded",
             ),
             (
-                State::TrackingStable,
-                none,
+                State::Hold,
+                idle,
                 fast,
+                "WAITS",
+                None,
                 "waits: 0.45 m/s relative to the deck (limit 0.30)",
             ),
-            (State::Descent, none, sinking, "descending, 1.2 m to the flare"),
+            (State::TrackingStable, none, unlikely, "WAITS", None, percent),
+            (
+                State::Descent,
+                none,
+                sinks,
+                "LANDS",
+                Some(true),
+                "descending, 1.2 m to the flare",
+            ),
+            (
+                State::Descent,
+                none,
+                steps,
+                "WAITS",
+                None,
+                "descending, 2.0 m to 3.0 m above the deck",
+            ),
+            (State::Descent, none, unlikely, "WAITS", None, percent),
             (
                 State::Flare,
                 none,
-                Reason::new(ReasonCode::Flaring, 0.4, 0.0),
-                "flaring, 0.4 m above the deck",
+                fast,
+                "LANDS",
+                Some(true),
+                "sets down with the deck's attitude",
             ),
-            (State::Landed, ReasonCode::Touchdown.into(), none, "touchdown"),
-            (State::Landed, none, none, "stands on the deck"),
-            (State::GaveUp, aborted, fast, "operator's command"),
-            (State::Hold, aborted, fast, "operator's command"),
-            (State::TakeOff, none, none, "leaves the deck"),
+            (
+                State::Flare,
+                none,
+                unlikely,
+                "LANDS",
+                None,
+                "sets down with the deck's attitude",
+            ),
+            (
+                State::Landed,
+                ReasonCode::Touchdown.into(),
+                none,
+                "Landed",
+                Some(false),
+                "touchdown",
+            ),
+            (
+                State::GaveUp,
+                aborted,
+                fast,
+                "Aborted",
+                Some(false),
+                "operator's command",
+            ),
+            (State::TakeOff, none, none, "", None, "leaves the deck"),
         ] {
-            assert_eq!(of(state, entered, waits), expected, "{state:?}");
+            let report = DroneStatus {
+                state,
+                entered,
+                waiting,
+                rejected: Some(fast),
+                ..DroneStatus::default()
+            };
+            let answer = Go::answer(&report, None, None).unwrap_or_default();
+            assert_eq!(
+                (answer.verdict, answer.go),
+                (verdict, go),
+                "{state:?} {waiting:?}"
+            );
+            let view = view(&report, String::new(), 0.0, false);
+            assert_eq!(
+                (view.sentence.as_str(), view.rejected),
+                (sentence, fast.to_string())
+            );
         }
     }
 

@@ -34,6 +34,8 @@ pub struct StateView {
     pub entered: String,
     /// Condition of the next state, with value and limit; may be empty.
     pub waiting: String,
+    /// Reason why a recent order is not carried out; may be empty.
+    pub rejected: String,
     pub sentence: String,
     pub stages: Vec<Stage>,
     pub stale: bool,
@@ -209,7 +211,7 @@ impl Status {
             .iter()
             .filter(|f| f.level > FindingLevel::Fine)
             .collect();
-        all.sort_by_key(|f| core::cmp::Reverse(f.level));
+        all.sort_by_key(|f| core::cmp::Reverse((f.level, f.stops)));
         all
     }
 }

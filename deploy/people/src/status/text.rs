@@ -52,7 +52,7 @@ impl Status {
         let state = self
             .state
             .as_ref()
-            .map(|s| (s.name.as_str(), without_numbers(&s.waiting)));
+            .map(|s| (s.name.as_str(), without_numbers(&s.waiting), &s.rejected));
         let figures = self.figures.iter().filter(|f| STATE.contains(&f.name));
         let figures: Vec<_> = figures
             .map(|f| (f.value.as_deref(), without_numbers(&f.note)))
@@ -76,6 +76,9 @@ impl Status {
         }
         if state.stale {
             text += " (old)";
+        }
+        if !state.rejected.is_empty() {
+            text += &format!("; order rejected: {}", state.rejected);
         }
         Some(("mission", text))
     }

@@ -31,7 +31,7 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
     all.extend(course_findings(&status.deck));
-    all.extend((status.estimator.advice).map(|a| advised_course(&a, s.known.knots)));
+    all.extend(compass::advised_aboard(status).map(|a| advised_course(&a, s.known.knots)));
     all.extend(drones(status));
     all
 }
@@ -277,12 +277,13 @@ pub fn go(findings: &[Finding], status: &VesselStatus) -> Go {
         let acts = |f: &&Finding| f.stops && ["course", DRONES].contains(&f.topic);
         let alarm = findings.iter().find(acts);
         let number = d.header.drone;
-        if go::descends(d.state) {
-            return Go::landing(alarm, format!("drone {number} descends: keep course and speed"));
-        }
-        if let Some(ended) = Go::ended(d.state, &d.entered, d.armed).filter(|_| alarm.is_none()) {
-            let why = format!("drone {number}: {}", ended.why);
-            return Go { why, ..ended };
+        let course = go::descends(d.state).then(|| "keep course and speed".into());
+        if let Some(answer) = Go::answer(&d, alarm, course) {
+            let why = match answer.verdict {
+                "ACT" => answer.why,
+                _ => format!("drone {number}: {}", answer.why),
+            };
+            return Go { why, ..answer };
         }
     }
     Go::of(findings, no_waves(status)).worse(foremost_go(status))
@@ -319,19 +320,10 @@ pub fn wind(status: &VesselStatus) -> Option<Wind> {
 
 pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
     let d = foremost(status)?;
-    let code = d.status.rejected.unwrap_or(d.status.waiting).code;
-    let waits = go::waits(d.status.state, code, d.status.waits());
     let name = d.status.state.named(&d.status.entered);
-    Some(StateView {
-        name: format!("Drone {}: {name}", d.status.header.drone),
-        does: d.status.state.does(),
-        since_s: 0.0,
-        entered: d.status.entered.to_string(),
-        sentence: go::sentence(d.status.state, &d.status.entered, code, waits.clone()),
-        waiting: waits,
-        stages: go::stages(d.status.state),
-        stale: !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S,
-    })
+    let name = format!("Drone {}: {name}", d.status.header.drone);
+    let stale = !s.reports(ProcessKind::Vessel) || d.age_s > LOST_CONTACT_S;
+    Some(go::view(&d.status, name, 0.0, stale))
 }
 
 pub fn headline(s: &ObservedSituation, worst: FindingLevel) -> String {
@@ -358,9 +350,10 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
         ""
     };
     all.push(Figure::of("course", course(status.deck.course), keep));
-    all.extend((status.estimator.advice).map(|a| compass::figure(&a, s.known.knots)));
+    all.extend(compass::advised_aboard(status).map(|a| compass::figure(&a, s.known.knots)));
     all.push(speed(&status.estimator, s.known.knots));
     all.extend(motion(&status.estimator));
+    all.extend(greatest(&status.estimator));
     let sources = s.sources();
     if !sources.is_empty() {
         let working = sources.iter().filter(|s| source(s).level == FindingLevel::Fine);
@@ -414,6 +407,23 @@ fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
         });
         Figure::of("speed", speed, note)
     })
+}
+
+fn greatest(e: &EstimatorStatus) -> Option<Figure> {
+    let m = &e.greatest;
+    if m.samples == 0 {
+        return None;
+    }
+    let [roll, pitch, inclination] = [m.roll, m.pitch, m.inclination].map(f64::to_degrees);
+    let note = format!(
+        "inclination {inclination:.1}°, significant heave rate {:.1} m/s",
+        m.heave_rate
+    );
+    Some(Figure::of(
+        "greatest",
+        format!("roll {roll:.1}°, pitch {pitch:.1}°"),
+        note,
+    ))
 }
 
 fn is_recent(e: &EstimatorStatus) -> bool {

@@ -17,7 +17,7 @@ use alight_computer::process::supervisor::pause;
 use alight_computer::subject::{Computer, Subject};
 use alight_computer::terminal;
 use alight_shared::admission::Retransmission;
-use alight_shared::msg::{Command, CommandKind, MissionState};
+use alight_shared::msg::{Command, CommandKind, MissionState, State};
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::{Span, SteadyClock, Time, TrueTime};
 use alight_transport::clock::steady_ns;
@@ -265,7 +265,11 @@ impl Ports {
         self.commands.send_any(command.due(now).as_ref());
         let taken = mission.filter(|m| command.answered(m) == Some(true));
         let answer = match taken {
-            Some(m) => Ok(format!("abort taken: {}", m.state.named(&m.entered))),
+            Some(m) => {
+                let stands = matches!(m.state, State::Idle | State::Landed);
+                let nothing = if stands { ", nothing to stop" } else { "" };
+                Ok(format!("abort taken: {}{nothing}", m.state.named(&m.entered)))
+            }
             None if command.is_over(now) => {
                 Err("ABORT NOT TAKEN: the mission does not confirm it; take manual control".to_owned())
             }
@@ -287,7 +291,7 @@ fn wall_offset_ns() -> i64 {
 mod tests {
     use super::*;
     use alight_computer::process::instance::OwnedInstance;
-    use alight_shared::msg::{Header, State};
+    use alight_shared::msg::Header;
     use alight_shared::time::DroneClock;
     use alight_transport::memory::{Services, Subscriber};
 

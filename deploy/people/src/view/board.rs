@@ -13,6 +13,7 @@ use alight_shared::time::{Time, TrueTime};
 use alight_shared::topics;
 
 use crate::status::Status;
+use crate::status::go::descends;
 use crate::view::camera_image::ShownImage;
 use crate::view::motion::MotionHistory;
 use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView};
@@ -45,6 +46,7 @@ impl Ended {
     }
 }
 
+#[derive(Default)]
 pub struct Board {
     pub situation: ObservedSituation,
     /// Roll, pitch (rad) and height (m) by the vessel's own estimate, with the time of reception.
@@ -84,22 +86,7 @@ impl Board {
                 known,
                 ..ObservedSituation::default()
             },
-            own_motion: None,
-            motion: MotionHistory::default(),
-            track: GroundTrack::default(),
-            is_own: false,
-            has_vessel: false,
-            log: VecDeque::new(),
-            flights: VecDeque::new(),
-            begun: None,
-            shown: None,
-            earlier: Vec::new(),
-            order: OrderView::default(),
-            camera: None,
-            heights_m: None,
-            flare_m: None,
-            closing_mps: None,
-            charged: None,
+            ..Board::default()
         }
     }
     /// Clears everything except the ended flights; observes again from `t` on.
@@ -266,16 +253,9 @@ impl Board {
         let mut situation = self.situation.clone();
         situation.now_ns = t.nanos();
         situation.battery_left_s = self.battery_left_s(t);
-        let mut status = Status::of(situation);
-        let begins_in_s = self.begins_in_s();
-        if let Some(s) = begins_in_s
-            && status.go.go.is_none()
-        {
-            status.go.why = format!("warm-up for {s:.0} s: the vessel's computer measures the waves");
-        }
         Picture {
             clock_s: 0.0,
-            status,
+            status: Status::of(situation),
             scene: self.scene(t),
             camera: self.camera.map(|c| c.view(t)),
             motion: self.motion.view(),
@@ -300,7 +280,7 @@ impl Board {
                 .collect(),
             order: self.order.clone(),
             over: None,
-            begins_in_s,
+            begins_in_s: self.begins_in_s(),
         }
     }
     /// Time until a simulated landing is ordered, s, as the world's process reports it.
@@ -331,12 +311,16 @@ impl Board {
             let [.., length, width] = deck.all_m();
             [length, width]
         };
+        let scene = scene(&self.situation.snapshot, t.nanos())?;
+        let descends = self.shown.is_some_and(descends);
         Some(SceneView {
+            contact: scene.contact.clone().filter(|_| descends),
             size_m: self.situation.known.deck.map(size_m),
             feet_m: self.heights_m.map(|[feet, _]| feet),
             freeboard_m: self.heights_m.map(|[_, freeboard]| freeboard),
             flare_m: self.flare_m,
-            ..scene(&self.situation.snapshot, t.nanos())?
+            limit_deg: self.situation.known.deck_tilt_rad.map(f64::to_degrees),
+            ..scene
         })
     }
 }

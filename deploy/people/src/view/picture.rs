@@ -41,6 +41,8 @@ pub struct SceneView {
     pub freeboard_m: Option<f64>,
     /// Clearance of the feet at which the flare begins, m, once the mission has reported it.
     pub flare_m: Option<f64>,
+    /// Greatest inclination of a deck to land on, deg, if known.
+    pub limit_deg: Option<f64>,
     pub contact: Option<ContactView>,
     pub forecast_stale: bool,
     /// Planned positions of the drone's centre of mass, until the planned contact.

@@ -319,18 +319,6 @@ fn go_of_a_drone_by_what_is_known() {
         ..ready()
     };
     assert_eq!(go(&windless), (None, go::NO_WIND.into()));
-    let mut landed = ready();
-    landed.mission = came(MissionState {
-        entered: ReasonCode::Touchdown.into(),
-        ..mission(State::Landed, ReasonCode::NotCommanded)
-    });
-    assert_eq!(
-        go(&landed),
-        (
-            Some(false),
-            "disarmed: close the deck before anyone goes to it".into()
-        )
-    );
     // The quality of the forecast matters unless the drone can land without the vessel's computer.
     let mut snapshot = ready();
     snapshot.wave = came(wave(0.001));
@@ -375,36 +363,37 @@ fn deck_of_other_dimensions_by_the_vessel() {
     assert!(names_both(1.9) && !names_both(1.7));
 }
 
-/// Columns as in the table in `deploy/docs/view.md`: state, reason for entering it, ages of radio, camera and mission
-/// (s), alarm, and the text of the page.
+/// Columns as in the table in `deploy/docs/view.md`: state, reasons for entering it and for waiting, ages of radio,
+/// camera and mission (s), alarm, and the text of the page.
 #[test]
 fn page_in_each_state_with_each_loss() {
     let rows = [
-        "Hold Operator 0 0 0 - GO: ready to land",
-        "Hold ForecastStale 9 9 0 alarm NO-GO: link: the vessel's newest estimate is 9.0 s old",
-        "Approach Commanded 9 99 0 - unknown: goes on by the forecast; radio lost 9 s",
-        "Tracking InSight 9 0 0 - GO: goes on by camera; radio lost 9 s",
-        "Descent Permitted 0 0 0 - LANDING: no action needed",
-        "Flare FlareHeight 9 0 0 - LANDING: goes on by camera; radio lost 9 s",
-        "Descent Permitted 0 2 0 - LANDING: goes on by radio; camera lost 2 s",
-        "Descent Permitted 0 0 3 alarm ACT: it restarts by itself; otherwise take manual control",
-        "Landed Touchdown 0 0 0 - Landed: keep clear until it is disarmed",
-        "Landed HardContact 0 0 0 - NO-GO: the drone is in state Landed: hard contact",
-        "GaveUp Operator 0 0 0 - Aborted: holds clear of the deck: order a landing, or take over",
-        "GaveUp Matched 0 0 0 - Matched: holds clear of the deck: order a landing, or take over",
-        "GaveUp OutOfRetries 0 0 0 alarm NO-GO: the drone is in state Gave up: attempts used",
+        "Hold Operator NotCommanded 0 0 0 - GO: ready to land",
+        "Hold ForecastStale ForecastStale 9 9 0 alarm WAITS: deck forecast 0.31 s old (limit 0.20)",
+        "Approach Commanded NoVision 9 99 0 - WAITS: goes on by the forecast; radio lost 9 s",
+        "Approach Commanded HeightUnconfirmed 0 0 0 - ACT: Fly the drone by hand to 15 m above the deck",
+        "Tracking InSight TooFar 9 0 0 - WAITS: goes on by camera; radio lost 9 s",
+        "TrackingStable Steady TooFast 0 0 0 - WAITS: 0.31 m/s relative to the deck (limit 0.20)",
+        "Descent Permitted Descending 0 0 0 - LANDS: no action needed",
+        "Flare FlareHeight Flaring 9 0 0 - LANDS: goes on by camera; radio lost 9 s",
+        "Descent Permitted Descending 0 2 0 - LANDS: goes on by radio; camera lost 2 s",
+        "Descent Permitted Descending 0 0 3 alarm ACT: it restarts by itself; otherwise take manual control",
+        "Landed Touchdown None 0 0 0 - Landed: keep clear until it is disarmed",
+        "Landed HardContact None 0 0 0 - NO-GO: the drone is in state Landed: hard contact",
+        "GaveUp Operator NotCommanded 0 0 0 - Aborted: holds clear of the deck: order a landing, or take over",
+        "GaveUp Matched NotCommanded 0 0 0 - Matched: holds clear of the deck: order a landing, or take over",
+        "GaveUp OutOfRetries NotCommanded 0 0 0 alarm NO-GO: the drone is in state Gave up: attempts used",
     ];
     for row in rows {
-        let parts: Vec<&str> = row.splitn(7, ' ').collect();
-        let [radio_s, camera_s, mission_s] = [2, 3, 4].map(|k: usize| parts[k].parse::<f64>().unwrap());
+        let parts: Vec<&str> = row.splitn(8, ' ').collect();
+        let [radio_s, camera_s, mission_s] = [3, 4, 5].map(|k: usize| parts[k].parse::<f64>().unwrap());
+        let code = |k: usize| serde_json::from_value::<ReasonCode>(parts[k].into()).unwrap();
         let mut s = ready();
         let state = MissionState {
             header: Header::new(0, 1, 1, 1, Time::from_secs(12.1)),
-            entered: serde_json::from_value::<ReasonCode>(parts[1].into())
-                .unwrap()
-                .into(),
+            entered: code(1).into(),
             state: serde_json::from_value(parts[0].into()).unwrap(),
-            ..mission(State::Idle, ReasonCode::NotCommanded)
+            ..mission(State::Idle, code(2))
         };
         s.mission.set(NOW_NS - (1e9 * mission_s) as i64, Some(state));
         s.autopilot = flying().autopilot;
@@ -421,8 +410,8 @@ fn page_in_each_state_with_each_loss() {
         }
         let status = status(&s, NOW_NS);
         let shown = format!("{}: {}", status.go.verdict, status.go.why);
-        assert!(shown.starts_with(parts[6]), "{row}: {shown}");
-        assert_eq!(status.worst == FindingLevel::Broken, parts[5] == "alarm", "{row}");
+        assert!(shown.starts_with(parts[7]), "{row}: {shown}");
+        assert_eq!(status.worst == FindingLevel::Broken, parts[6] == "alarm", "{row}");
     }
 }
 

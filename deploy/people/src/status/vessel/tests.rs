@@ -1,8 +1,8 @@
 use alight_shared::admission::AccessRejection;
 use alight_shared::metrics::Metric;
 use alight_shared::msg::{
-    Certificate, ComputerReport, EstimatorStatus, FollowsAnother, Header, Line, Names, Seq, SourceReport,
-    Starved, State,
+    Certificate, ComputerReport, EstimatorStatus, FollowsAnother, Header, Line, Names, Reason, ReasonCode,
+    Seq, SourceReport, Starved, State,
 };
 use alight_shared::process::ProcessState;
 use alight_shared::time::Time;
@@ -364,7 +364,7 @@ fn go_of_a_vessel_and_of_its_drone() {
     let go = |change: Change<'_>| {
         let mut w = vessel();
         w.status.drones[0].status.wind = Some([3.0, 1.0]);
-        w.status.drones[0].status.state = State::Tracking;
+        w.status.drones[0].status.state = State::Idle;
         change(&mut w);
         let s = status(&w, 100);
         let own = own_go(&s.findings, &w.status);
@@ -373,11 +373,22 @@ fn go_of_a_vessel_and_of_its_drone() {
     let (fine, nothing) = (Some(true), "ready to land");
     assert_eq!(go(&|_| {}), ([fine; 2], nothing.into()));
     let (no, unknown) = (Some(false), None);
-    let cases: [(Change<'_>, [Option<bool>; 2], &str); 10] = [
+    let cases: [(Change<'_>, [Option<bool>; 2], &str); 11] = [
         (
-            &|w| w.status.drones[0].status.state = State::Descent,
+            &|w| {
+                w.status.drones[0].status.state = State::Descent;
+                w.status.drones[0].status.waiting = ReasonCode::Descending.into();
+            },
             [fine; 2],
-            "drone 1 descends: keep course and speed",
+            "drone 1: keep course and speed",
+        ),
+        (
+            &|w| {
+                w.status.drones[0].status.state = State::Hold;
+                w.status.drones[0].status.waiting = Reason::new(ReasonCode::OdometryStale, 0.9, 0.2);
+            },
+            [fine, unknown],
+            "drone 1: own odometry 0.90 s old (limit 0.20)",
         ),
         (
             &|w| {

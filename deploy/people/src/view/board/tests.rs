@@ -59,7 +59,7 @@ fn board_of_nothing() {
     let picture = Board::new(ComputerReport::default()).picture(at(5.0));
     let status = picture.status;
     assert!(status.state.is_none() && picture.scene.is_none() && picture.motion.roll_deg.is_empty());
-    assert_eq!(status.figures.len(), 8);
+    assert_eq!(status.figures.len(), 7);
     assert!(status.figures.iter().all(|f| f.value.is_none()), "{status:?}");
 }
 
@@ -384,13 +384,10 @@ fn board_of_a_simulation_early_and_too_slow() {
             metrics: Seq::filled(metrics),
             ..ProcessState::default()
         }]);
-        (board.picture(at(1.0)).status.go.why, board.too_slow())
+        (board.picture(at(1.0)).begins_in_s, board.too_slow())
     };
-    let (why, _) = report(0.0, -48.0);
-    assert!(why.contains("warm-up for 48 s"), "{why}");
-    let (why, end) = report(0.9, 3.0);
-    assert!(!why.contains("warm-up"), "{why}");
-    assert_eq!(end, None);
+    assert_eq!(report(0.0, -48.0).0, Some(48.0));
+    assert_eq!(report(0.9, 3.0), (None, None));
     let end = report(1.3, 3.0).1.unwrap();
     for part in ["1.3 s behind", "not valid", "alight trial --view"] {
         assert!(end.contains(part), "{part}: {end}");

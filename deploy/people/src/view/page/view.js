@@ -44,9 +44,11 @@ function speak(id, content) {
   $(id).textContent = content;
 }
 
-const CLASSES = { GO: "yes", LANDING: "yes", Landed: "yes", Matched: "yes", "NO-GO": "no", ACT: "no" };
+const CLASSES = { GO: "yes", LANDS: "yes", WAITS: "wait", Landed: "yes", Matched: "yes", "NO-GO": "no", ACT: "no" };
+// A landing whose probability is too low is not green.
+const colourOf = (go) => (go.verdict === "LANDS" && !go.go ? "wait" : CLASSES[go.verdict] || "unknown");
 function showGo(go, state) {
-  $("go").className = CLASSES[go.verdict] || "unknown";
+  $("go").className = colourOf(go);
   text("verdict", go.verdict);
   text("why", go.why);
   const stages = state ? state.stages : [];
@@ -55,7 +57,9 @@ function showGo(go, state) {
     if (s.is === "now") item.setAttribute("aria-current", "step");
     return item;
   }));
-  speak("spoken", [go.verdict, state ? `${state.name}: ${state.sentence}` : ""].filter(Boolean).join(". "));
+  const refused = state && state.rejected ? `order rejected: ${state.rejected}` : "";
+  text("rejected", refused);
+  speak("spoken", [go.verdict, state ? `${state.name}: ${state.sentence}` : "", refused].filter(Boolean).join(". "));
 }
 
 // The result stays until the next landing begins, even without data, and always on the second screen.
@@ -72,19 +76,30 @@ function showResult() {
   text("when", `${ago(result.ago_s + seconds() - result.receivedAt)} ago`);
 }
 
+// The words of the large sentence change at most once a second, unless the state changes; its figures change at once.
+const CALM_S = 1;
+let worded = { sentence: "", name: "", at: -Infinity };
+function calm(sentence, name) {
+  const same = kind(sentence) === kind(worded.sentence) && name === worded.name;
+  const early = name === worded.name && seconds() - worded.at < CALM_S;
+  if (same) worded.sentence = sentence;
+  else if (!early) worded = { sentence, name, at: seconds() };
+  return worded.sentence;
+}
+
 // The most important sentence is large; the drone's activity and the awaited condition stand below it unless the
 // sentence contains them.
 function showState(state) {
   $("state").className = !state ? "unknown" : state.stale ? "stale" : "";
   text("name", state ? state.name : "unknown");
-  const sentence = ends(state) ? result.text : state ? state.sentence : "";
+  const sentence = calm(ends(state) ? result.text : state ? state.sentence : "", state ? state.name : "");
   text("sentence", sentence);
   $("sentence").className = sentence.length > 60 ? "long" : "";
   const begins = picture.begins_in_s === null ? "" : `the simulated landing is ordered in ${Math.ceil(picture.begins_in_s)} s`;
   const more = !state ? [begins] : [
     begins,
     state.sentence === state.does ? "" : state.does,
-    state.waiting && !sentence.endsWith(state.waiting) ? `waits: ${state.waiting}` : "",
+    state.name.endsWith("Hold") && !sentence.endsWith(state.entered) ? `because: ${state.entered}` : "",
     state.since_s > 0 ? `for ${ago(state.since_s)}` : "",
   ];
   text("aside", more.filter(Boolean).join("; "));
@@ -106,7 +121,7 @@ function droneTiles() {
     { ...battery, note: lasts, is: "keep" },
     short(figure("link"), 1),
     figure("probability"),
-    short(figure("touchdown"), 1),
+    figure("autopilot"),
     figure("deck"),
     { ...figure("wind"), note: "", is: "more" },
   ];
@@ -133,6 +148,7 @@ function vesselTiles(vessel) {
     ...(drones.length ? drones.slice(0, MOST_DRONES) : none).map((f, k) => ({ ...f, name: `drones: ${drones.length}`, is: k ? "more" : "" })),
     { ...figure("speed"), is: "more" },
     { ...figure("waves"), is: "more" },
+    { ...figure("greatest"), name: "greatest of 20 min", is: "more" },
     { ...unknown("wind, waves, heading"), value: advice, is: "more wide" },
   ];
 }
@@ -152,9 +168,11 @@ function showFigures() {
 
 // ---- warnings: one strip, the worst first, one entry per cause ----
 
+// Within a level, what stops a landing comes first.
 const LEVELS = ["broken", "warning"];
 function alarmsOf(findings) {
-  return LEVELS.flatMap((level) => findings.filter((f) => f.level === level));
+  const of = (level, stops) => findings.filter((f) => f.level === level && f.stops === stops);
+  return LEVELS.flatMap((level) => [...of(level, true), ...of(level, false)]);
 }
 
 function groups(alarms) {
@@ -191,7 +209,8 @@ function showAlarms(alarms) {
   speak("alert", worst.join(". "));
   document.title = worst.length ? `! ${worst[0]}` : `Alight: ${picture.state ? picture.state.name : "unknown"}`;
 }
-$("strip").addEventListener("click", () => $("warnings").showModal());
+// Not modal: an order works while the warnings are shown.
+$("strip").addEventListener("click", () => ($("warnings").open ? $("warnings").close() : $("warnings").show()));
 
 function line(when, content) {
   const item = document.createElement("li");
@@ -376,16 +395,20 @@ function label(pen, content, x, y, name, wide, tall) {
 
 const last = (values) => (values.length ? values[values.length - 1] : null);
 
+// Description of a drawing for a screen reader, at most once a second.
+const describedAt = {};
+function describe(id, content) {
+  if (seconds() - (describedAt[id] || -1) < 1) return;
+  describedAt[id] = seconds();
+  $(id).setAttribute("aria-label", content);
+}
+
 const signed = (x, digits) => x.toFixed(digits).replace(/^-(?=[0.]*$)/, "").replace("-", "\u2212");
 
 function water(pen, width, height, level) {
   pen.globalAlpha = 0.75;
   pen.fillStyle = colour("water");
-  pen.beginPath();
-  pen.moveTo(0, height);
-  for (let x = 0; x <= width + 12; x += 12) pen.lineTo(x, level + 2 * Math.sin(x / 17));
-  pen.lineTo(width + 12, height);
-  pen.fill();
+  pen.fillRect(0, level, width, height - level);
   pen.globalAlpha = 1;
 }
 
@@ -441,8 +464,29 @@ function tape(pen, left, width, y, high, scene) {
   say(pen, `${sense} ${Math.abs(closing).toFixed(1)} m/s`, left + width - 6, at + 19, "card", "right");
 }
 
+// Deck at an angle, with the greatest angle of a landing on both sides of level.
+function limits(pen, centre, half, limit) {
+  if (!limit) return;
+  [-1, 1].forEach((side) => [-limit, limit].forEach((angle) => turned(pen, centre, -angle, () => {
+    path(pen, [[side * 1.02 * half, 0], [side * 1.3 * half, 0]], "alarm-back", false, 3);
+  })));
+}
+
+// Roll as seen from astern: a roll to starboard lowers the right side.
+function rollView(pen, wide, tall, roll, limit, old) {
+  const centre = [wide / 2, 0.56 * tall];
+  const half = 0.34 * wide;
+  path(pen, [[0.1 * wide, centre[1]], [0.9 * wide, centre[1]]], "line", true, 1);
+  hull(pen, centre, half, 0.5 * half, -roll, 1, old);
+  limits(pen, centre, half, limit);
+  font(pen, wide < 120 ? 18 : 22, "bold");
+  label(pen, `${signed(roll, 1)}\u00b0`, centre[0], centre[1] - 0.62 * half - 14, limit && Math.abs(roll) > limit ? "alarm-back" : "ink", wide, tall);
+  font(pen, wide < 120 ? 13 : 15);
+  label(pen, wide < 120 ? "roll" : "roll, from astern", centre[0], tall - 9, "soft", wide, tall);
+}
+
 function contactTexts(contact) {
-  if (!contact) return ["no contact is planned", ""];
+  if (!contact) return ["", ""];
   const { in_s: left, tilt_deg: tilt, rise_m: rise } = contact;
   const moved = tilt && `${Math.abs(rise).toFixed(2)} m ${rise < 0 ? "lower" : "higher"}`;
   return [`contact in ${left.toFixed(1)} s`, tilt ? `deck then: pitch ${signed(tilt[1], 1)}\u00b0, ${moved}` : "deck then: not forecast yet"];
@@ -451,8 +495,13 @@ function contactTexts(contact) {
 function drawSide(scene) {
   const made = canvas("side");
   if (!made) return;
-  const { pen, width, height } = made;
-  if (!scene) return drawRocking(pen, width, height);
+  const { pen, height } = made;
+  if (!scene) return drawRocking(pen, made.width, height);
+  const [roll, pitch] = scene.euler_deg;
+  const beside = made.width < 500 ? 92 : 170;
+  const width = made.width - beside;
+  rollView(pen, beside, height, roll, scene.limit_deg, scene.forecast_stale);
+  pen.translate(beside, 0);
   const length = scene.size_m ? scene.size_m[0] : 2;
   const feet = scene.feet_m || 0;
   const at = scene.drone ? scene.drone.at : [0, 0, feet];
@@ -469,7 +518,8 @@ function drawSide(scene) {
   // The hull floats in the water around it, not at the mean level, which is above the deck in a trough.
   const below = scene.freeboard_m === null ? 40 : Math.max(scale * scene.freeboard_m, 12);
   const half = Math.max((scale * length) / 2, 12);
-  hull(pen, centre, half, Math.max(1.4 * below, 16), scene.euler_deg[1], 1.25, scene.forecast_stale);
+  hull(pen, centre, half, Math.max(1.4 * below, 16), pitch, 1.25, scene.forecast_stale);
+  limits(pen, centre, 1.1 * half, scene.limit_deg);
   if (scene.freeboard_m !== null) water(pen, width, height, Math.min(centre[1] + below, height - 24));
   if (scene.contact && scene.contact.tilt_deg) {
     const tilt = scene.contact.tilt_deg[1] * RAD;
@@ -497,9 +547,11 @@ function drawSide(scene) {
   say(pen, when, 10, 24, "ink");
   font(pen, width < 500 ? 14 : 15);
   say(pen, then, 10, 44, "forecast");
-  const [roll, pitch] = scene.euler_deg;
-  const moved = heave === null || width < 500 ? "" : `, heave ${signed(heave, 1)} m`;
-  say(pen, `deck: roll ${signed(roll, 1)}\u00b0, pitch ${signed(pitch, 1)}\u00b0${moved}`, 10, height - 9, "ink");
+  const moved = heave === null ? "" : `, heave ${signed(heave, 1)} m`;
+  say(pen, `pitch ${signed(pitch, 1)}\u00b0${width < 400 ? "" : moved}`, 10, height - 9, "ink");
+  const up = scene.drone ? scene.drone.at[2] - feet : 0;
+  const above = scene.drone ? `; drone ${signed(up, 1)} m above it, closing at ${signed(scene.drone.closing_mps, 1)} m/s` : "";
+  describe("side", `Deck: roll ${signed(roll, 1)} deg, pitch ${signed(pitch, 1)} deg${moved}${above}`);
   say(pen, "bow \u25b8", room - 8, height - 9, "ink", "right");
 }
 
@@ -523,6 +575,8 @@ function drawRocking(pen, width, height) {
   });
   water(pen, width, height, 0.64 * height);
   const moved = heave === null ? "heave unknown" : `heave ${signed(heave, 2)} m`;
+  const degrees = (values) => (last(values) === null ? "unknown" : `${signed(last(values), 1)} deg`);
+  describe("side", `Deck: roll ${degrees(rolls)}, pitch ${degrees(pitches)}, ${moved}`);
   label(pen, moved, width / 2, height - 12, "ink", width, height);
 }
 
@@ -756,8 +810,14 @@ new ResizeObserver(draw).observe($("hero"));
 
 // The server's answer to the last order; empty once the next flight begins.
 let answered = "";
+// On the ground, disarmed and without an order there is nothing to abort.
+function rests() {
+  const [state, autopilot] = [picture.state, picture.autopilot];
+  const parked = !!autopilot && !autopilot.armed && autopilot.landed === "OnGround";
+  return parked && !!state && ["Idle", "Landed"].includes(state.name) && picture.go.verdict !== "WAITS";
+}
 function showOrder(order) {
-  $("order").hidden = order.label === null;
+  $("order").hidden = order.label === null || rests();
   if (order.label !== null) text("ask", order.label);
   rebuild("others", order.others.join(), () => order.others.map((name) => {
     const made = element("button", "", name);
@@ -772,6 +832,11 @@ function showOrder(order) {
 }
 
 $("ask").addEventListener("click", () => give(""));
+addEventListener("keydown", (event) => {
+  if (event.key !== "F9" || event.repeat || $("order").hidden) return;
+  event.preventDefault();
+  give("");
+});
 
 async function give(name) {
   if ($("answer").dataset.own) return; // an order is under way
