@@ -7,11 +7,16 @@ use std::path::{Path, PathBuf};
 
 use alight_computer::exit::{CliError, Doing, Exit};
 use alight_computer::quantity::{seconds, whole};
+use alight_computer::record::observer::StepObserver;
 use alight_computer::terminal::{self, Form, note, wrapped};
+use alight_people::said::Statements;
 use alight_shared::msg::State;
+use alight_shared::step::Step;
+use alight_shared::time::{Time, TrueTime};
+use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::storm::watch::{StormRule, Violation};
 use alight_sim::harness::storm::{
-    FaultKind, FlightKind, Flown, MAX_FAULTS, Pair, Storm, StormEnding, fly, pairs, shrink,
+    FaultKind, FlightKind, Flown, MAX_FAULTS, Pair, Storm, StormEnding, fly, fly_observed, pairs, shrink,
 };
 use alight_transport::wake::end_requested;
 use clap::Args;
@@ -79,6 +84,17 @@ struct StormEnd {
     flight: FlightKind,
     flown: Flown,
     broken: Option<Box<Broken>>,
+    said: Statements,
+}
+
+/// Passes the steps of a simulated flight to the judge of statements.
+#[derive(Default)]
+struct StatementObserver(Statements);
+
+impl WorldObserver for StatementObserver {
+    fn step(&mut self, t: Time<TrueTime>, step: &Step<'_>) {
+        self.0.step(t, step);
+    }
 }
 
 #[derive(Default, Serialize)]
@@ -92,6 +108,9 @@ struct Summary {
     warned: usize,
     warnings: BTreeMap<String, usize>,
     violations: BTreeMap<StormRule, usize>,
+    /// Moments at which the statements were judged, and for each rule on them the moments that broke it.
+    judged: u32,
+    said: BTreeMap<&'static str, u32>,
     /// Number of faults that began; for kinds, and for pairs of kind and state, the number that began and the total
     /// number.
     faults_begun: usize,
@@ -152,7 +171,9 @@ pub fn run(args: &StormArgs) -> Result<Exit, CliError> {
     if !args.form.print(&summary, &summary.rows())? {
         terminal::line(summary.text());
     }
-    Ok(Exit::of(summary.broken.is_empty() && summary.storms > 0))
+    Ok(Exit::of(
+        summary.broken.is_empty() && summary.said.is_empty() && summary.storms > 0,
+    ))
 }
 
 fn flown_count(all: &[StormEnd]) -> u32 {
@@ -199,7 +220,18 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
     }
     let silent = &mut |_: f64, _: &str| {};
     let doing = format!("setting up the storm of seed {seed}");
-    let flown = fly(storm, silent).doing(&doing)?;
+    let mut observer = StatementObserver::default();
+    let flown = fly_observed(storm, None, &mut observer, silent).doing(&doing)?;
+    for s in &observer.0.broken {
+        let moment = format!(
+            "seed {seed}, {}'s page, {:.1} s, {} moments",
+            s.page, s.t_s, s.moments
+        );
+        note(
+            args.form.alone(),
+            format_args!("{moment}: not: {}: {}", s.rule, s.text),
+        );
+    }
     let broken = flown.violation.map(|violation| {
         let breaks = |s: &Storm| {
             if end_requested() {
@@ -223,6 +255,7 @@ fn fly_one(args: &StormArgs, storm: &Storm) -> Result<StormEnd, CliError> {
         flight: storm.flight,
         flown,
         broken,
+        said: observer.0,
     })
 }
 
@@ -316,7 +349,12 @@ impl Summary {
             storms_per_s: all.len() as f64 / elapsed_s.max(1e-3),
             ..Summary::default()
         };
-        for StormEnd { flown, broken, .. } in all {
+        for end in all {
+            let StormEnd { flown, broken, .. } = end;
+            summary.judged += end.said.judged;
+            for s in end.said.broken {
+                *summary.said.entry(s.rule).or_default() += s.moments;
+            }
             match flown.ending {
                 StormEnding::Landed => summary.landed += 1,
                 StormEnding::Waits => summary.waits += 1,
@@ -372,6 +410,8 @@ impl Summary {
             states_in_flights_begun,
             states_in_flights,
             storms_per_s,
+            judged,
+            said,
             ..
         } = self;
         let ends = format!(
@@ -390,6 +430,10 @@ impl Summary {
         for (names, storms) in warnings {
             text += &format!("\n{storms:>4}  {names}");
         }
+        text += &format!("\nstatements judged at {judged} moments");
+        for (rule, moments) in said {
+            text += &format!("\n{moments:>6}  broken: {rule}");
+        }
         text
     }
 }
@@ -397,6 +441,8 @@ impl Summary {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const SAID_SEEDS: [u64; 3] = [3, 8, 21];
 
     #[test]
     fn aims_go_through_all_pairs_of_a_flight() {
@@ -412,6 +458,21 @@ mod tests {
         }
         let aimed = coverage.aimed.len();
         assert!(aimed + 1 >= all, "{aimed} of {all}");
+    }
+
+    /// Storms with lost sources, aborts and stations, in which no page breaks a rule on statements.
+    #[test]
+    fn statements_in_storms() {
+        for seed in SAID_SEEDS {
+            let mut observer = StatementObserver::default();
+            let storm = Storm::drawn(seed, 3);
+            fly_observed(&storm, None, &mut observer, &mut |_, _| {}).unwrap();
+            let Statements { judged, broken, .. } = observer.0;
+            assert!(
+                judged > 100 && broken.is_empty(),
+                "seed {seed}: {judged}, {broken:?}"
+            );
+        }
     }
 
     #[test]

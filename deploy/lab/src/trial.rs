@@ -88,6 +88,7 @@ fn observer(
             .as_str()
             .into(),
         deck: Some(scene.nodes.drone.deck.dimensions()),
+        deck_tilt_rad: Some(scene.nodes.drone.mission.deck_tilt_rad),
         disarm_s: Some(scene.nodes.autopilot.disarm.longest_s()),
         ..ComputerReport::default()
     };

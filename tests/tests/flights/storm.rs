@@ -3,14 +3,15 @@
 //! flies thousands).
 
 use alight_shared::msg::State;
+use alight_sim::harness::observer::NoObserver;
 use alight_sim::harness::storm::watch::{StormEnding, StormRule};
-use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_mutant};
+use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_observed};
 use alight_sim::physics::vessel::VesselCourse;
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
 fn flown(storm: &Storm, mutant: Option<Mutant>) -> Flown {
-    fly_mutant(storm, mutant, &mut |_, _| {}).unwrap()
+    fly_observed(storm, mutant, &mut NoObserver, &mut |_, _| {}).unwrap()
 }
 
 /// Contact speed up to which a storm is not considered the cause, m/s: without a fault 2 of 60 landings with

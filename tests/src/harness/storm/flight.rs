@@ -13,7 +13,7 @@ use super::watch::{
 use super::{FaultKind, FlightKind, Mutant, Storm};
 use crate::autopilots::simulated::{Installed, SimulatedAutopilot, warned_by_default};
 use crate::harness::failing::Failing;
-use crate::harness::observer::NoObserver;
+use crate::harness::observer::{NoObserver, WorldObserver};
 use crate::harness::outcome::{FALSE_STOP_M, REST_S};
 use crate::harness::rig::Rig;
 use crate::harness::scenario::SetupError;
@@ -63,12 +63,14 @@ pub struct Warned {
 
 /// `show` is called with each fault and state as it begins.
 pub fn fly(storm: &Storm, show: &mut dyn FnMut(f64, &str)) -> Result<Flown, SetupError> {
-    fly_mutant(storm, None, show)
+    fly_observed(storm, None, &mut NoObserver, show)
 }
 
-pub fn fly_mutant(
+/// `observer` receives the steps of this flight, but not those of flights that judge it by comparison.
+pub fn fly_observed(
     storm: &Storm,
     mutant: Option<Mutant>,
+    observer: &mut dyn WorldObserver,
     show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
     let installed = if storm.stock {
@@ -76,12 +78,12 @@ pub fn fly_mutant(
     } else {
         Installed::All
     };
-    let mut flown = fly_excused(storm, installed, mutant, show)?;
+    let mut flown = fly_excused(storm, installed, mutant, observer, show)?;
     if let Some(violation) = flown.violation
         && storm.stock
     {
         let breaks = |installed| -> Result<bool, SetupError> {
-            let again = fly_excused(storm, installed, mutant, &mut |_, _| {})?;
+            let again = fly_excused(storm, installed, mutant, &mut NoObserver, &mut |_, _| {})?;
             Ok(again.violation.is_some())
         };
         if !breaks(Installed::All)? {
@@ -107,9 +109,10 @@ fn fly_excused(
     storm: &Storm,
     installed: Installed,
     mutant: Option<Mutant>,
+    observer: &mut dyn WorldObserver,
     show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
-    let mut flown = fly_once(storm, installed, mutant, show)?;
+    let mut flown = fly_once(storm, installed, mutant, observer, show)?;
     let excusing = storm.faults.iter().filter(|f| f.kind.excuses());
     let alone = Storm {
         faults: excusing.copied().collect(),
@@ -118,7 +121,7 @@ fn fly_excused(
     if flown.ending != StormEnding::Crashed || alone.faults.len() == storm.faults.len() {
         return Ok(flown);
     }
-    let again = fly_once(&alone, installed, mutant, &mut |_, _| {})?;
+    let again = fly_once(&alone, installed, mutant, &mut NoObserver, &mut |_, _| {})?;
     if again.ending != StormEnding::Crashed && again.violation.is_none() {
         flown.ending = StormEnding::Violated;
         flown.violation = Some(Violation {
@@ -135,10 +138,11 @@ fn fly_once(
     storm: &Storm,
     installed: Installed,
     mutant: Option<Mutant>,
+    observer: &mut dyn WorldObserver,
     show: &mut dyn FnMut(f64, &str),
 ) -> Result<Flown, SetupError> {
     let mut run = Run::new(storm, installed)?;
-    while run.tick(mutant, show) {}
+    while run.tick(mutant, observer, show) {}
     // A storm ends when the battery of a waiting drone starts to run low.
     let lasted_s = run.runs_low_s.unwrap_or(run.rig.t_s());
     Ok(Flown {
@@ -215,7 +219,12 @@ impl Run {
     }
 
     /// One tick, after the orders and faults that are due; returns true while the flight continues.
-    fn tick(&mut self, mutant: Option<Mutant>, show: &mut dyn FnMut(f64, &str)) -> bool {
+    fn tick(
+        &mut self,
+        mutant: Option<Mutant>,
+        observer: &mut dyn WorldObserver,
+        show: &mut dyn FnMut(f64, &str),
+    ) -> bool {
         let t_s = self.rig.t_s();
         if self.rig.entered(0).len() > self.shown {
             self.shown += 1;
@@ -226,7 +235,7 @@ impl Run {
         self.begin_and_end(show);
         let failing = self.faults.failing(t_s);
         self.rig.world.fail(&Failing { mutant, ..failing });
-        self.rig.advance(&mut NoObserver);
+        self.rig.advance(observer);
         if self.rig.mission(0).waiting.code != ReasonCode::None {
             self.reported_s = self.rig.t_s();
         }

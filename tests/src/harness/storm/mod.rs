@@ -31,7 +31,7 @@ pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
 pub use effects::Effect;
 pub use fault::{Fault, Moment};
-pub use flight::{Flown, Warned, fly, fly_mutant};
+pub use flight::{Flown, Warned, fly, fly_observed};
 pub use kinds::{FaultKind, Spec, Takes};
 pub use plan::FlightKind;
 pub use schedule::{FaultTimer, FaultTurn, Schedule};
