@@ -8,7 +8,7 @@ use std::borrow::Cow;
 use schemars::generate::SchemaSettings;
 use schemars::transform::transform_subschemas;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::wire::hash_bytes;
 
@@ -65,7 +65,36 @@ pub type LineFormat = (&'static str, u32, fn() -> Schema);
 
 /// Schema of a message type.
 pub fn of<T: JsonSchema>() -> Schema {
-    let settings = SchemaSettings::draft2020_12().for_serialize();
+    generated::<T>(SchemaSettings::draft2020_12().for_serialize())
+}
+
+/// Schema of a line to another program, in which an infinite number is null.
+pub fn of_input<T: JsonSchema>() -> Schema {
+    generated::<T>(
+        SchemaSettings::draft2020_12()
+            .for_serialize()
+            .with_transform(nullable),
+    )
+}
+
+/// Schema of a line from another program, whose optional fields may be absent.
+pub fn of_answer<T: JsonSchema>() -> Schema {
+    generated::<T>(SchemaSettings::draft2020_12().for_deserialize())
+}
+
+/// Permits null for numbers that their comment calls infinite.
+fn nullable(schema: &mut Schema) {
+    transform_subschemas(&mut nullable, schema);
+    let infinite = schema
+        .get("description")
+        .and_then(Value::as_str)
+        .is_some_and(|text| text.contains("infinite"));
+    if infinite && schema.get("type").and_then(Value::as_str) == Some("number") {
+        schema.insert("type".into(), json!(["number", "null"]));
+    }
+}
+
+fn generated<T: JsonSchema>(settings: SchemaSettings) -> Schema {
     let inlined = settings
         .with(|s| s.inline_subschemas = true)
         .with_transform(state);

@@ -2,6 +2,7 @@
 //! to observers.
 
 use core::any::Any;
+use core::marker::PhantomData;
 
 use alight_shared::bus::{RowStep, Wired};
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
@@ -11,11 +12,13 @@ use alight_shared::process::ProcessKind;
 use alight_shared::time::{Span, Time, WorldTime};
 use alight_shared::wire::{self, WireError};
 use alight_uav::computer as uav;
+use alight_uav::planner::Planner;
 use alight_uav::planner::law::Law;
-use alight_uav::planner::{Planner, PlannerIn, PlannerOut};
+use alight_uav::predictor::Predictor;
 use alight_uav::settings::DroneSettings;
 use alight_usv::computer as usv;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::config::view::ViewConfig;
 use crate::config::{DroneComputerConfig, VesselComputerConfig};
@@ -202,8 +205,15 @@ fn node(log: &Log, start: &ProcessStart, law: ForeignLaw<'_>) -> Result<Box<dyn 
         let limits = toml::from_str(&start.header.config).doing(start.name())?;
         return Ok(Box::new(SupervisorNode::new(limits)));
     }
-    if start.kind() == Some(ProcessKind::Planner) && log.has_foreign_plans() {
-        return Ok(Box::new(ForeignPlans));
+    if let Some(kind) = start.kind()
+        && log.about.foreign().contains(&kind)
+    {
+        let planner = kind == ProcessKind::Planner;
+        return Ok(if planner {
+            Box::new(Foreign::<Planner>(PhantomData))
+        } else {
+            Box::new(Foreign::<Predictor>(PhantomData))
+        });
     }
     let beginning = Beginning { log, start, law };
     let found = start.kind().and_then(|kind| {
@@ -315,10 +325,13 @@ impl<N: Wired> Replayed for ReplayedNode<N> {
     }
 }
 
-/// Steps of a planner that was another program: its recorded plans.
-struct ForeignPlans;
+/// Steps of a planner or predictor that was another program: its recorded outputs.
+struct Foreign<N>(PhantomData<N>);
 
-impl Replayed for ForeignPlans {
+impl<N: uav::Installed> Replayed for Foreign<N>
+where
+    N::Out: DeserializeOwned,
+{
     fn step(
         &mut self,
         t: WorldTime,
@@ -326,16 +339,16 @@ impl Replayed for ForeignPlans {
         computed: &mut Computed,
         observers: &mut dyn StepObserver,
     ) -> Result<bool, WireError> {
-        let entry = step.entry::<PlannerOut>()?;
-        computed.keep(&entry.input.plan);
-        let made: RowStep<Planner> = RowStep {
+        let entry = step.entry::<N::Out>()?;
+        N::written_parts(&entry.input, &mut |part| computed.keep(part));
+        let made: RowStep<N> = RowStep {
             at: Time::from_nanos(entry.now_ns),
             took: Span::ZERO,
             worked: true,
-            input: PlannerIn::default(),
+            input: N::In::default(),
             out: entry.input,
         };
-        observers.step(t, &made.of(ProcessKind::Planner, step.header.boot));
+        observers.step(t, &made.of(N::KIND, step.header.boot));
         Ok(entry::hash(&made.out, &mut computed.scratch)? == entry.output)
     }
 }

@@ -2,6 +2,7 @@ use std::ffi::OsStr;
 #[cfg(test)]
 use std::ffi::OsString;
 use std::fmt;
+use std::hash::{BuildHasher as _, RandomState};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -66,6 +67,7 @@ pub enum PlannerArg {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum PlannerChoice {
     Included(PlannerArg),
+    /// Command with its prefix.
     Exec(String),
 }
 
@@ -78,7 +80,7 @@ impl PlannerChoice {
             PlannerChoice::Included(PlannerArg::Alight) => nodes.drone.planner.kind = PlannerKind::Alight,
             PlannerChoice::Included(PlannerArg::Mpc) => nodes.baseline = Some(Baseline::Mpc),
             PlannerChoice::Included(PlannerArg::MpcNe) => nodes.baseline = Some(Baseline::MpcNe),
-            PlannerChoice::Exec(command) => nodes.own = Some(exec::planner(command)),
+            PlannerChoice::Exec(text) => nodes.own = Some(exec::planner(text)),
         }
     }
 }
@@ -87,7 +89,7 @@ impl FromStr for PlannerChoice {
     type Err = String;
     fn from_str(text: &str) -> Result<Self, String> {
         match command(text) {
-            Some(command) => command.map(PlannerChoice::Exec),
+            Some(text) => text.map(PlannerChoice::Exec),
             None => PlannerArg::from_str(text, false)
                 .map(PlannerChoice::Included)
                 .map_err(|_| "no planner of that name: alight, mpc-faa, mpc, mpc-ne or exec:COMMAND".into()),
@@ -102,7 +104,7 @@ impl fmt::Display for PlannerChoice {
                 let value = planner.to_possible_value();
                 f.write_str(value.as_ref().map_or("", PossibleValue::get_name))
             }
-            PlannerChoice::Exec(command) => write!(f, "{}{command}", exec::EXEC),
+            PlannerChoice::Exec(text) => f.write_str(text),
         }
     }
 }
@@ -115,11 +117,11 @@ fn planner() -> impl TypedValueParser<Value = PlannerChoice> {
     )
 }
 
-/// Command of `exec:COMMAND`.
+/// `exec:COMMAND` or `exec-measured:COMMAND`; None without such a prefix.
 fn command(text: &str) -> Option<Result<String, String>> {
-    Some(match text.strip_prefix(exec::EXEC)?.trim() {
+    Some(match exec::command(text)?.trim() {
         "" => Err("name its command: exec:python3 mine.py".into()),
-        command => Ok(command.into()),
+        _ => Ok(text.into()),
     })
 }
 
@@ -225,6 +227,16 @@ impl FromStr for SeaArg {
     }
 }
 
+/// Seed, or one that is drawn: `random`.
+fn seed(text: &str) -> Result<u64, String> {
+    if text == "random" {
+        // Exact in JSON numbers, and with room for many trials.
+        return Ok(RandomState::new().hash_one(0) >> 16);
+    }
+    text.parse()
+        .map_err(|e| format!("{e}; give a whole number from 0, or random"))
+}
+
 fn on_off(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
@@ -285,10 +297,14 @@ pub struct SceneArgs {
     #[arg(long, value_name = "NAME|FILE.csv", conflicts_with = "deck_motion",
           value_parser = offering(StringValueParser::new(), HULLS))]
     pub hull: Option<String>,
-    /// Planner to fly, or exec:COMMAND, a program of yours (alight help examples) [default: that of the configuration,
-    /// alight]
+    /// Planner to fly, or exec:COMMAND, a program of yours (alight help examples) with the solve times that it states;
+    /// exec-measured:COMMAND with those measured [default: that of the configuration, alight]
     #[arg(long, value_name = "NAME|exec:COMMAND", value_parser = planner())]
     pub planner: Option<PlannerChoice>,
+    /// Program of yours that predicts the deck (alight help examples)
+    #[arg(long, value_name = "exec:COMMAND",
+          value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
+    pub predictor: Option<String>,
     /// Firmware that the simulated autopilot resembles [default: that of the scenario, px4]
     #[arg(long, value_enum)]
     pub autopilot: Option<AutopilotArg>,
@@ -372,6 +388,7 @@ impl SceneArgs {
             ("sea-state", text(self.sea_state.as_ref())),
             ("hull", self.hull.clone()),
             ("planner", text(self.planner.as_ref())),
+            ("predictor", self.predictor.clone()),
             ("autopilot", named(self.autopilot.as_ref())),
             ("vessel", named(self.vessel.as_ref())),
             ("speed", text(self.speed.as_ref())),
@@ -404,13 +421,10 @@ waits for no viewer, and ends with the flight, or 10 s later with a viewer."
 pub struct TrialArgs {
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits
-    #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true)]
+    /// Seed of sea, noise and start, or the first of many: the same seed gives the same bits; random: none that a
+    /// planner could know
+    #[arg(long, alias = "seed0", default_value_t = 1, allow_negative_numbers = true, value_parser = seed)]
     pub seed: u64,
-    /// Program of yours that predicts the deck (alight help examples)
-    #[arg(long, value_name = "exec:COMMAND", conflicts_with = "record",
-          value_parser = |text: &str| command(text).unwrap_or(Err("give exec:COMMAND".into())))]
-    pub predictor: Option<String>,
     /// Fly N landings, and print the success rate with its interval
     #[arg(long, value_name = "N", value_parser = whole::<u32>(1..=1_000_000),
           conflicts_with_all = ["plot", "record", "view"])]
@@ -477,8 +491,8 @@ pub struct StudyArgs {
     /// Trials per row
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = whole::<u32>(1..=1_000_000))]
     pub trials: u32,
-    /// First seed [default: 1, in a benchmark its own]
-    #[arg(long, value_name = "SEED")]
+    /// First seed, or random, which no planner reads in a command line [default: 1, in a benchmark its own]
+    #[arg(long, value_name = "SEED", value_parser = seed)]
     pub seed0: Option<u64>,
     /// Threads [default: all cores]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
@@ -506,6 +520,9 @@ pub struct StudyArgs {
     /// Motion of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "tasks", "out", "json", "csv", "within"])]
     pub motion: Option<PathBuf>,
+    /// Fly the flights of this record again that have these rows and seeds, and compare their digests
+    #[arg(long, value_name = "result.json", conflicts_with_all = ["shard", "tasks", "motion", "out", "json", "csv", "within"])]
+    pub verify: Option<PathBuf>,
     /// End a row once its rate is known to PERCENT %
     ///
     /// PERCENT applies upward and downward. The interval is Wilson's of 95 %, computed every 20 trials; a row has at

@@ -102,7 +102,7 @@ impl LabCommand {
             },
             LabCommand::Study(a) => match &a.other {
                 Some(OtherStudy::Storm(a)) => storm::run(a),
-                Some(OtherStudy::Envelope(a)) => study::envelope::run(a),
+                Some(OtherStudy::Envelope(a)) => study::envelope::run(a, program),
                 Some(OtherStudy::Rare(a)) => rare::run(a),
                 None => study::run(&a.study, program),
             },

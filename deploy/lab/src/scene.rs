@@ -15,7 +15,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_uav::autopilot::modes::Firmware;
 use serde::de::DeserializeOwned;
 
-use crate::args::{AutopilotArg, SceneArgs, TrialArgs, WindArg};
+use crate::args::{AutopilotArg, SceneArgs, WindArg};
 use crate::exec;
 
 pub fn print_defaults() -> Result<Exit, CliError> {
@@ -46,17 +46,6 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Scene of a trial, with its predictor.
-    pub fn of_trial(args: &TrialArgs) -> Result<Scene, CliError> {
-        let mut scene = Scene::of(&args.scene)?;
-        if let Some(command) = &args.predictor {
-            let own = exec::predictor::predictor(command);
-            scene.flags += &format!(" {}", written("predictor", own.name()));
-            scene.nodes.predictor = Some(own);
-        }
-        Ok(scene)
-    }
-
     pub fn unremarked(args: &SceneArgs) -> Result<Scene, CliError> {
         let mut remarks = Vec::new();
         let mut scenario: Scenario = match &args.scenario {
@@ -69,6 +58,7 @@ impl Scene {
             scenario.deck = scenario.deck.with_tags(&nodes.drone.tags());
         }
         remarks.extend(airframe_remark(args, &scenario, &nodes));
+        nodes.predictor = args.predictor.as_deref().map(exec::predictor::predictor);
         let mut sea = set_sea(args, &mut scenario);
         set_vehicles(args, &mut scenario, &mut nodes)?;
         set_conditions(args, &mut scenario);

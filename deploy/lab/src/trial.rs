@@ -12,7 +12,7 @@ use crate::{chart, outcome_table, record};
 
 /// Flies one landing, shows its phases, and ends with a table.
 pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> {
-    let scene = Scene::of_trial(args)?;
+    let scene = Scene::of(&args.scene)?;
     if let Some(path) = &args.plot {
         chart::can_write(path)?;
     }

@@ -96,7 +96,7 @@ pub fn seeds(seed0: u64, n: u32) -> Result<Vec<u64>, CliError> {
 }
 
 pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
-    let scene = Scene::of_trial(args)?;
+    let scene = Scene::of(&args.scene)?;
     // The first call installs the handler, so that from here on a signal ends the study with the landings flown so
     // far.
     if end_requested() {

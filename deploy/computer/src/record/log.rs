@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use crate::exit::CliError;
 use crate::record::entry::PartHeader;
 use crate::record::reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header};
-use crate::record::{About, FOREIGN_PLANS, LIVE};
+use crate::record::{About, LIVE};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {
@@ -111,10 +111,6 @@ impl Log {
     /// Whether the nodes were processes, which begin by waiting for a predecessor's checkpoint.
     pub fn is_live(&self) -> bool {
         self.about.values.get(LIVE).is_none_or(|v| v != "0")
-    }
-    /// Whether another program was the planner, in which case its steps hold only their outputs.
-    pub fn has_foreign_plans(&self) -> bool {
-        self.about.values.contains_key(FOREIGN_PLANS)
     }
     /// Text attached to a recording; empty if absent.
     pub fn text(&self, name: &str) -> &str {

@@ -9,6 +9,7 @@
 
 use std::collections::BTreeMap;
 
+use alight_shared::process::ProcessKind;
 use entry::PartHeader;
 
 pub mod cloud;
@@ -37,9 +38,10 @@ const PROCESS: &str = "process";
 const RECORDING: &str = "recording";
 /// Key in that record: 0 if the nodes were not processes, which begin by waiting for a predecessor's checkpoint.
 pub const LIVE: &str = "live";
-/// Key in that record: 1 if another program was the planner. The planner's steps then hold their outputs in place of
-/// their inputs.
+/// Keys in that record: 1 if another program was the planner, or the predictor. Its steps then hold their outputs in
+/// place of their inputs.
 pub const FOREIGN_PLANS: &str = "foreign_plans";
+pub const FOREIGN_FORECASTS: &str = "foreign_forecasts";
 /// Attachment of a recording in which a planner other than the drone's flew.
 pub const BASELINE_FILE: &str = "baseline.toml";
 
@@ -58,4 +60,16 @@ fn topic<'a>(header: &PartHeader, mut before: impl Iterator<Item = &'a PartHeade
 pub struct About {
     pub values: BTreeMap<String, String>,
     pub texts: BTreeMap<String, String>,
+}
+
+impl About {
+    /// Processes whose outputs are those of another program, so that their steps hold only these.
+    pub fn foreign(&self) -> Vec<ProcessKind> {
+        let keys = [
+            (FOREIGN_PLANS, ProcessKind::Planner),
+            (FOREIGN_FORECASTS, ProcessKind::Predictor),
+        ];
+        let known = keys.into_iter().filter(|(key, _)| self.values.contains_key(*key));
+        known.map(|(_, process)| process).collect()
+    }
 }

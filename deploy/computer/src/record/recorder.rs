@@ -15,7 +15,7 @@ use crate::record::messages::each_message;
 use crate::record::observer::StepObserver;
 use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
 use crate::record::views::{Views, stamp};
-use crate::record::{About, FOREIGN_PLANS, RECORDING};
+use crate::record::{About, RECORDING};
 
 pub struct Recorder {
     pub sink: Sink,
@@ -23,7 +23,7 @@ pub struct Recorder {
     starts: Vec<(PartHeader, ChannelId)>,
     newest: NewestHeader,
     written: Computed,
-    foreign_plans: bool,
+    foreign: Vec<ProcessKind>,
     failed: Option<WireError>,
 }
 
@@ -53,7 +53,7 @@ impl Recorder {
                 starts: Vec::new(),
                 newest: NewestHeader::default(),
                 written: Computed::default(),
-                foreign_plans: about.values.contains_key(FOREIGN_PLANS),
+                foreign: about.foreign(),
                 failed: None,
             };
             Ok((recorder, more))
@@ -77,11 +77,9 @@ impl Recorder {
         let begun = Sink::create(path).map(drop);
         begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    fn entry(&mut self, channel: ChannelId, t: WorldTime, step: &Step<'_>) -> Result<(), WireError> {
-        let mut references = References::default();
-        let newest = &mut self.newest;
-        let written = &self.written;
-        if self.foreign_plans && step.process == ProcessKind::Planner {
+    fn entry(&mut self, channel: ChannelId, t: Time<TrueTime>, step: &Step<'_>) -> Result<(), WireError> {
+        let (mut references, newest, written) = (References::default(), &mut self.newest, &self.written);
+        if self.foreign.contains(&step.process) {
             return self.sink.message(channel, stamp(t), |to| {
                 entry::append(to, step.now_ns, (step.output, references, step.output))
             });

@@ -21,16 +21,23 @@ use alight_uav::settings::DroneSettings;
 
 use child::{AnswerLimits, AnsweringChild};
 use predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};
-use protocol::{Answer, Limits, PLANNER_VERSION, PlannerAnswer, PlannerInput};
+use protocol::{Answer, Limits, MAX_SOLVE_S, PLANNER_VERSION, PlannerAnswer, PlannerInput};
 use serde::Serialize;
 
-/// Prefix of the planner's name on the command line and in outcomes.
-pub const EXEC: &str = "exec:";
+/// Prefixes of names on the command line and in outcomes: plans are flown with the solve times that the program states,
+/// otherwise the scenario's, so that a seed reproduces a flight; or with those measured.
+const EXEC: &str = "exec:";
+pub const EXEC_MEASURED: &str = "exec-measured:";
 
-/// Planner run by the program that `command` starts; each flight starts a separate one.
-pub fn planner(command: &str) -> OwnLaw {
-    let own = command.to_owned();
-    OwnLaw::new(format!("{EXEC}{command}"), move |drone, report| {
+/// Command of a name with one of the prefixes.
+pub fn command(name: &str) -> Option<&str> {
+    name.strip_prefix(EXEC).or(name.strip_prefix(EXEC_MEASURED))
+}
+
+/// Planner run by the program that `name` starts; each flight starts a separate one.
+pub fn planner(name: &str) -> OwnLaw {
+    let own = name.to_owned();
+    OwnLaw::new(name, move |drone, report| {
         Box::new(ExecLaw::start(&own, drone, report))
     })
 }
@@ -40,24 +47,30 @@ pub const LINES: [LineFormat; 4] = [
     (
         "planner-input",
         PLANNER_VERSION,
-        schema::of::<PlannerInput<'static>>,
+        schema::of_input::<PlannerInput<'static>>,
     ),
-    ("planner-answer", PLANNER_VERSION, schema::of::<PlannerAnswer>),
+    (
+        "planner-answer",
+        PLANNER_VERSION,
+        schema::of_answer::<PlannerAnswer>,
+    ),
     (
         "predictor-input",
         PREDICTOR_VERSION,
-        schema::of::<PredictorInput<'static>>,
+        schema::of_input::<PredictorInput<'static>>,
     ),
     (
         "predictor-answer",
         PREDICTOR_VERSION,
-        schema::of::<PredictorAnswer>,
+        schema::of_answer::<PredictorAnswer>,
     ),
 ];
 
 #[derive(Debug)]
 struct ExecLaw {
     child: Option<AnsweringChild>,
+    /// Solve times are measured.
+    measures: bool,
     report: OwnReport,
     limits: Limits,
     drone: Option<DroneState>,
@@ -68,9 +81,10 @@ struct ExecLaw {
 }
 
 impl ExecLaw {
-    fn start(command: &str, drone: &DroneSettings, report: &OwnReport) -> ExecLaw {
+    fn start(name: &str, drone: &DroneSettings, report: &OwnReport) -> ExecLaw {
         ExecLaw {
-            child: start(command, report, PLANS),
+            child: start(name, report, PLANS),
+            measures: name.starts_with(EXEC_MEASURED),
             report: report.clone(),
             limits: Limits::of(&drone.planner, &drone.airframe),
             drone: None,
@@ -110,10 +124,18 @@ impl Law for ExecLaw {
         *self.report.get() = Reported::default();
         match answered {
             Ok((Answer::Plan(plan, stated), measured)) => {
-                let solve = stated.unwrap_or(measured);
-                self.report.get().solve = Some(solve);
-                if solve.secs() > self.limits.period_s {
-                    self.solved_at = now + solve;
+                let solve = if self.measures { Some(measured) } else { stated };
+                self.report.get().solve = solve;
+                let solve_s = solve.map_or(0.0, Span::secs);
+                if solve_s > self.limits.period_s {
+                    self.solved_at = now + Span::from_secs(solve_s);
+                }
+                if solve_s > MAX_SOLVE_S {
+                    let why = format!(
+                        "its plan took {solve_s:.2} s, and older ones than {MAX_SOLVE_S} s are not flown"
+                    );
+                    self.report.get().none = Some(why);
+                    return None;
                 }
                 return Some(*plan);
             }
@@ -132,8 +154,8 @@ impl Law for ExecLaw {
 type Part = [&'static str; 2];
 const PLANS: Part = ["planner", "plans"];
 
-fn start(command: &str, report: &OwnReport, part: Part) -> Option<AnsweringChild> {
-    let started = AnsweringChild::start(command, AnswerLimits::default());
+fn start(name: &str, report: &OwnReport, part: Part) -> Option<AnsweringChild> {
+    let started = AnsweringChild::start(command(name).unwrap_or(name), AnswerLimits::default());
     started.map_err(|why| fail(report, part, why)).ok()
 }
 

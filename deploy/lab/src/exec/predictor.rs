@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::child::AnsweringChild;
 use super::protocol::{MAX_REASON, PredictedDeck, of_version, parsed};
-use super::{EXEC, Part, ask, fail, start};
+use super::{Part, ask, fail, start};
 
 /// Version of both lines; a program that answers with another version is rejected.
 pub const PREDICTOR_VERSION: u32 = 1;
@@ -82,10 +82,10 @@ impl PredictorAnswer {
     }
 }
 
-/// Predictor run by the program that `command` starts; each flight starts a separate one.
-pub fn predictor(command: &str) -> OwnPredictor {
-    let own = command.to_owned();
-    OwnPredictor::new(format!("{EXEC}{command}"), move |_, report| {
+/// Predictor run by the program that `name` starts; each flight starts a separate one.
+pub fn predictor(name: &str) -> OwnPredictor {
+    let own = name.to_owned();
+    OwnPredictor::new(name, move |_, report| {
         let mut exec = ExecPredictor {
             child: start(&own, report, FORECASTS),
             report: report.clone(),

@@ -5,7 +5,8 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
-use alight_shared::time::{DroneTime, Span, Time};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_uav::pilot::admission::MAX_CLOSING_MPS;
 use alight_uav::planner::PlannerConfig;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -16,7 +17,10 @@ pub const PLANNER_VERSION: u32 = 1;
 /// Maximum length of an answer, bytes: 41 stages of 15 numbers take 15 kB.
 pub const MAX_LINE_BYTES: usize = 128 << 10;
 pub const MAX_REASON: usize = 200;
-const MAX_SOLVE_S: f64 = 5.0;
+/// Maximum solve time, s: the pilot flies no plan that is older than 0.5 s, and a plan is as old as its solve.
+pub const MAX_SOLVE_S: f64 = 0.4;
+/// Time after its planned touchdown for which a plan is accepted, s.
+const MAX_PAST_S: f64 = 5.0;
 const MAX_STEP_S: f64 = 1.0;
 
 /// Input of a planner that is another program, sent once per plan period.
@@ -47,7 +51,8 @@ pub struct Permission {
     pub state: State,
     /// Phase of the state: Navigation (far from the vessel), Follow (above the vessel), Landing (descent and flare).
     pub phase: Phase,
-    /// Permitted descent speed relative to the deck, m/s; 0: no descent.
+    /// Proposed descent speed relative to the deck, m/s, which a plan may exceed up to `limits.closing_mps`; 0: no
+    /// descent.
     pub descent_mps: f64,
     /// Commanded height of the drone's centre of mass above the deck's mean level, m.
     pub height_m: f64,
@@ -86,9 +91,9 @@ pub struct PredictedDeck<'a> {
     /// Time between stages, s.
     pub step_s: f64,
     /// Age of the newest vessel estimate used, s; null before the first.
-    pub radio_age_s: f64,
+    pub radio_age_s: Option<f64>,
     /// Age of the newest vision measurement used, s; null before the first.
-    pub vision_age_s: f64,
+    pub vision_age_s: Option<f64>,
     /// Mean height of the deck, drone's NED z, m.
     pub mean_z: Option<f64>,
     /// Deck at each stage, with standard deviations.
@@ -102,8 +107,8 @@ impl<'a> PredictedDeck<'a> {
         PredictedDeck {
             time_s: f.header.at.secs(),
             step_s: f.step.secs(),
-            radio_age_s: f.radio_age_s,
-            vision_age_s: f.vision_age_s,
+            radio_age_s: Some(f.radio_age_s).filter(|age| age.is_finite()),
+            vision_age_s: Some(f.vision_age_s).filter(|age| age.is_finite()),
             mean_z: f.mean_z,
             stages: &f.stages,
         }
@@ -121,6 +126,8 @@ pub struct Limits {
     pub vertical_mps: f64,
     /// Roll and pitch, rad.
     pub tilt_rad: f64,
+    /// Speed towards the deck above which a plan is not flown, m/s.
+    pub closing_mps: f64,
     /// Maximum thrust per mass, m/s².
     pub thrust_mps2: f64,
     /// Distance of the foot plane below the centre of mass, m.
@@ -135,6 +142,7 @@ impl Limits {
             horizontal_mps: soft.horizontal_mps,
             vertical_mps: soft.vertical_mps,
             tilt_rad: soft.tilt_deg.to_radians(),
+            closing_mps: MAX_CLOSING_MPS,
             thrust_mps2: drone.max_thrust_n / drone.mass_kg,
             feet_below_m: drone.feet_below_m,
         }
@@ -204,7 +212,8 @@ pub struct PlannerAnswer {
     /// True: the common planner (mpc) plans for this period.
     #[serde(default)]
     pub common: Option<bool>,
-    /// Solve time of this plan, s, at most 5, so that a seed reproduces a flight; absent: the measured time.
+    /// Solve time of this plan, s, above 0 and at most 0.4, so that a seed reproduces a flight; absent: that of the
+    /// scenario. With `exec-measured:` the measured time counts.
     #[serde(default)]
     pub solve_s: Option<f64>,
 }
@@ -257,8 +266,7 @@ impl PlannerAnswer {
             .checked(now)
             .map_err(|e| format!("answered with an invalid {e}"))
     }
-    fn checked(self, now: DroneTime) -> Result<Answer, String> {
-        let bounded = |value: Option<f64>, max: f64| value.is_none_or(|s| (0.0..=max).contains(&s));
+    fn checked(self, now: Time<DroneClock>) -> Result<Answer, String> {
         let (stages, step_s) = match (self.stages, self.none, self.common.unwrap_or(false)) {
             (None, Some(why), false) => return Ok(Answer::None(why.chars().take(MAX_REASON).collect())),
             (None, None, true) => return Ok(Answer::Common),
@@ -278,8 +286,12 @@ impl PlannerAnswer {
                 "step_s: {step_s} is not above 0 and at most {MAX_STEP_S}"
             ));
         }
-        if !bounded(self.solve_s, MAX_SOLVE_S) {
-            return Err(format!("solve_s: it is not within 0 to {MAX_SOLVE_S}"));
+        if let Some(solve_s) = self.solve_s
+            && !(solve_s > 0.0 && solve_s <= MAX_SOLVE_S)
+        {
+            return Err(format!(
+                "solve_s: {solve_s} is not above 0 and at most {MAX_SOLVE_S}"
+            ));
         }
         let plan = Plan {
             step: Span::from_secs(step_s),
@@ -298,7 +310,7 @@ impl PlannerAnswer {
             .map_err(|field| format!("{field}: a number is out of range"))?;
         if plan
             .touchdown_at
-            .is_some_and(|at| (at - now).secs() < -MAX_SOLVE_S)
+            .is_some_and(|at| (at - now).secs() < -MAX_PAST_S)
         {
             return Err("touchdown_s: it has passed".into());
         }

@@ -94,6 +94,12 @@ pub fn run(args: &LandArgs) -> Result<Exit, CliError> {
                 .into(),
         ));
     }
+    if scene.nodes.predictor.is_some() {
+        return Err(CliError(
+            "--predictor: land flies the drone's own predictor; fly yours by alight trial or alight study"
+                .into(),
+        ));
+    }
     if let Some(path) = &args.plot {
         chart::can_write(path)?;
     }

@@ -10,7 +10,9 @@ use alight_computer::playback::{Viewer, replay, shown};
 use alight_computer::record::entry::{Entry, PartHeader};
 use alight_computer::record::log::Log;
 use alight_computer::record::observer::StepObserver;
-use alight_computer::record::{About, BASELINE_FILE, FOREIGN_PLANS, LIVE, Recorder, WORLD};
+use alight_computer::record::{
+    About, BASELINE_FILE, FOREIGN_FORECASTS, FOREIGN_PLANS, LIVE, Recorder, WORLD,
+};
 use alight_shared::frames::{DroneBody, VesselBody};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
@@ -66,7 +68,9 @@ impl RecordingScene<'_> {
             ("sea", self.sea.to_string()),
             (LIVE, u32::from(self.live).to_string()),
         ];
-        let foreign = self.nodes.own.as_ref().map(|_| (FOREIGN_PLANS, "1".into()));
+        let planner = self.nodes.own.as_ref().map(|_| FOREIGN_PLANS);
+        let predictor = self.nodes.predictor.as_ref().map(|_| FOREIGN_FORECASTS);
+        let foreign = planner.into_iter().chain(predictor).map(|key| (key, "1".into()));
         let values = values.into_iter().chain(foreign);
         Ok(About {
             values: values.map(|(name, value)| (name.into(), value)).collect(),

@@ -3,6 +3,7 @@
 pub mod definition;
 pub mod envelope;
 mod motion;
+pub mod result;
 mod rows;
 mod run;
 mod table;
@@ -58,12 +59,15 @@ fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
     let text = definition::text(name)?;
     let definition = definition::parse(&text, name)?;
     let mut rows = rows::expand(&definition, args).doing(format_args!("study {name}"))?;
-    let run = run::GridRun::of(args, &text, &definition, &rows.rows);
+    let run = run::GridRun::of(args, &text, program, &definition, &rows.rows);
     if let Some(row) = args.row {
         rows.keep(row).doing(format_args!("study {name}"))?;
     }
     if let Some(directory) = &args.motion {
         return motion::write(directory, &rows.rows, run.seed0, run.alone);
+    }
+    if let Some(record) = &args.verify {
+        return result::verify(record, &run, &rows.rows);
     }
     let outcomes = run::fly_grid(&run, &rows.rows)?;
     let study = table::Study {
@@ -71,7 +75,7 @@ fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
         program,
         definition: &definition,
         rows: &rows,
-        hash: &run.configuration,
+        result: &run.result,
         outcomes: &outcomes,
     };
     study.publish()
@@ -86,7 +90,7 @@ fn merge(args: &StudyArgs, program: &str) -> Result<(), CliError> {
     let Some(first) = args.dirs.first() else {
         return Err(CliError("study merge: name the directories of the shards".into()));
     };
-    let (outcomes, hash) = run::join(&args.dirs, out)?;
+    let (outcomes, joined) = run::join(&args.dirs, out)?;
     let file = first.join(run::STUDY_FILE).display().to_string();
     let definition = definition::parse(&definition::text(&file)?, &file)?;
     let rows = rows::expand(&definition, args).doing(format_args!("study {file}"))?;
@@ -95,7 +99,7 @@ fn merge(args: &StudyArgs, program: &str) -> Result<(), CliError> {
         program,
         definition: &definition,
         rows: &rows,
-        hash: &hash,
+        result: &joined,
         outcomes: &outcomes,
     };
     study.publish()

@@ -249,6 +249,8 @@ pub struct Rows {
     pub rows: Vec<StudyRow>,
     /// No flag has removed a scene.
     pub whole: bool,
+    /// Number of the study's scenes.
+    pub scenes: usize,
 }
 
 impl Rows {
@@ -281,6 +283,7 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
     let mut out = Rows {
         rows: Vec::new(),
         whole: count(&grids) == all,
+        scenes: all,
     };
     let mut names = BTreeSet::new();
     let mut remarks = BTreeSet::new();

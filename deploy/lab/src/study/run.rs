@@ -17,6 +17,7 @@ use alight_transport::wake::end_requested;
 use alight_uav::planner::PlannerKind;
 
 use super::definition::Definition;
+use super::result::{RESULT_FILE, StudyResult};
 use super::rows::StudyRow;
 use super::tasks;
 use crate::args::{Shard, StudyArgs};
@@ -25,8 +26,8 @@ use crate::trials::{fly_seed, in_parallel, seeds};
 
 pub struct GridRun<'a> {
     pub study: &'a str,
-    /// [`configuration_hash`] of the study's first row, the same for each of its parts.
-    pub configuration: String,
+    /// What produces the rows.
+    pub result: StudyResult,
     pub trials: u32,
     pub seed0: u64,
     /// None: all cores.
@@ -43,12 +44,16 @@ pub struct GridRun<'a> {
 }
 
 impl<'a> GridRun<'a> {
-    pub fn of(args: &'a StudyArgs, study: &'a str, definition: &Definition, rows: &[StudyRow]) -> Self {
+    pub fn of(
+        args: &'a StudyArgs,
+        study: &'a str,
+        program: &str,
+        definition: &Definition,
+        rows: &[StudyRow],
+    ) -> Self {
         GridRun {
             study,
-            configuration: rows
-                .first()
-                .map_or_else(String::new, |r| configuration_hash(&r.nodes)),
+            result: StudyResult::new(program, study, &args.scene.given(), rows),
             trials: args.trials,
             seed0: first_seed(args, definition),
             jobs: args.jobs,
@@ -74,9 +79,13 @@ pub fn configuration_hash(nodes: &NodeConfigs) -> String {
         drone: nodes.drone.clone(),
     };
     drone.drone.planner.kind = PlannerKind::default();
-    let text = [toml::to_string(&nodes.vessel), toml::to_string(&drone)]
-        .map(Result::unwrap_or_default)
-        .concat();
+    let texts = [
+        toml::to_string(&nodes.vessel),
+        toml::to_string(&nodes.deck),
+        toml::to_string(&nodes.autopilot),
+        toml::to_string(&drone),
+    ];
+    let text = texts.map(Result::unwrap_or_default).concat();
     format!("{:016x}", wire::hash_record(&text).unwrap_or_default())
 }
 
@@ -92,16 +101,20 @@ fn read_rows(dir: &Path) -> Result<Vec<Outcome>, CliError> {
     reader.deserialize().map(|r| r.map_err(reading)).collect()
 }
 
-/// Joins the contents of `dirs` into `out`: rows, and the files for replaying a trial. All must have the same
-/// configuration, whose hash is returned.
-pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliError> {
+/// Joins the contents of `dirs` into `out`: rows, and the files for replaying a trial. All must have been produced alike,
+/// as the returned record says.
+pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, StudyResult), CliError> {
     let writing = |e: &dyn std::fmt::Display| CliError::because(format!("writing into {}", out.display()), e);
     let mut outcomes = Vec::new();
-    let mut hashes = BTreeSet::new();
+    let mut joined: Option<StudyResult> = None;
     std::fs::create_dir_all(out).map_err(|e| writing(&e))?;
     for dir in dirs {
         outcomes.extend(read_rows(dir)?);
-        hashes.insert(read_hash(dir).unwrap_or_else(|| "unknown".into()));
+        let own = StudyResult::read(&dir.join(RESULT_FILE))?;
+        match &mut joined {
+            Some(joined) => joined.join(own, &format!("study merge: {} is not joined", dir.display()))?,
+            None => joined = Some(own),
+        }
         for part in ["scenarios", "configs/vessel", "configs/drone", "configs/tuning"] {
             // A missing file means that its configuration was the default.
             for entry in std::fs::read_dir(dir.join(part)).into_iter().flatten().flatten() {
@@ -111,25 +124,19 @@ pub fn join(dirs: &[PathBuf], out: &Path) -> Result<(Vec<Outcome>, String), CliE
             }
         }
     }
-    if hashes.len() > 1 {
-        return Err(CliError(format!(
-            "study merge: the directories have different configurations ({}); join only directories with the same configuration",
-            hashes.into_iter().collect::<Vec<_>>().join(", ")
-        )));
-    }
     if let Some(dir) = dirs.first() {
         std::fs::copy(dir.join(STUDY_FILE), out.join(STUDY_FILE)).map_err(|e| writing(&e))?;
     }
     outcomes.sort_by(|a, b| (&a.sea, &a.planner, a.seed).cmp(&(&b.sea, &b.planner, b.seed)));
     outcomes.dedup_by(|a, b| (&a.sea, &a.planner, a.seed) == (&b.sea, &b.planner, b.seed));
-    let hash = hashes.into_iter().next().unwrap_or_default();
-    std::fs::write(out.join(HASH_FILE), format!("{hash}\n")).map_err(|e| writing(&e))?;
     let mut writer = csv::Writer::from_path(rows_file(out)).map_err(|e| writing(&e))?;
     for o in &outcomes {
         writer.serialize(o).map_err(|e| writing(&e))?;
     }
     writer.flush().map_err(|e| writing(&e))?;
-    Ok((outcomes, hash))
+    let joined = joined.unwrap_or_default();
+    joined.clone().write(out, &outcomes)?;
+    Ok((outcomes, joined))
 }
 
 pub fn scenario_file(out: &Path, scenario: &str) -> PathBuf {
@@ -142,25 +149,14 @@ pub fn config_files(out: &Path, row: &StudyRow) -> [PathBuf; 3] {
     ["vessel", "drone", "tuning"].map(|side| out.join("configs").join(side).join(&name))
 }
 
-/// File with the hash of the configuration with which a directory's rows were flown.
-const HASH_FILE: &str = "configuration";
-
 pub const STUDY_FILE: &str = "study.toml";
-
-fn read_hash(dir: &Path) -> Option<String> {
-    let text = std::fs::read_to_string(dir.join(HASH_FILE)).ok()?;
-    Some(text.trim().into())
-}
 
 /// Writes the files for replaying the study's trials. Rejects a directory with rows of another study, configuration
 /// or scene.
 fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliError> {
     let doing = || format!("preparing the directory {}", out.display());
     let because = |e: &dyn std::fmt::Display| CliError::because(doing(), e);
-    let mut files = vec![
-        (out.join(STUDY_FILE), args.study.to_owned()),
-        (out.join(HASH_FILE), format!("{}\n", args.configuration)),
-    ];
+    let mut files = vec![(out.join(STUDY_FILE), args.study.to_owned())];
     for row in rows {
         let text = toml::to_string(&row.world).map_err(|e| because(&e))?;
         files.push((scenario_file(out, &row.scenario), text));
@@ -189,21 +185,21 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
             files.push((tuning, tuned.to_string()));
         }
     }
-    let used = rows_file(out).exists();
+    let mut result = args.result.clone();
+    if rows_file(out).exists() {
+        let doing = format!(
+            "{} has rows that would be mixed with these; give another directory",
+            out.display()
+        );
+        result.join(StudyResult::read(&out.join(RESULT_FILE))?, &doing)?;
+    }
     for (path, text) in files {
-        if used && std::fs::read_to_string(&path).is_ok_and(|old| old != text) {
-            return Err(CliError(format!(
-                "{} was written by another study, or one with another configuration or scene: its rows would be \
-                 mixed with these; give another directory",
-                path.display()
-            )));
-        }
         if let Some(dir) = path.parent() {
             std::fs::create_dir_all(dir).map_err(|e| because(&e))?;
         }
         std::fs::write(&path, text).map_err(|e| because(&e))?;
     }
-    Ok(())
+    result.write(out, &[])
 }
 
 pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
@@ -310,6 +306,10 @@ pub fn fly_grid(args: &GridRun<'_>, rows: &[StudyRow]) -> Result<Vec<Outcome>, C
     end_if_asked(args, done.len(), wanted.len());
     let place = |o: &Outcome| rows.iter().position(|r| r.is_of(o));
     done.sort_by_key(|o| (place(o), o.seed));
+    if let Some(out) = args.out {
+        // The directory may have rows of other scenes.
+        StudyResult::read(&out.join(RESULT_FILE))?.write(out, &done)?;
+    }
     if let Some(out) = args.out.filter(|_| args.records_failed) {
         record_failed(args, out, rows, &done)?;
     }

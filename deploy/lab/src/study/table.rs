@@ -15,6 +15,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::definition::{Definition, PublishedResult};
+use super::result::StudyResult;
 use super::rows::{Rows, StudyRow};
 use super::run::{self, write_files};
 use crate::args::StudyArgs;
@@ -27,7 +28,7 @@ const WORST_COUNT: usize = 3;
 const MAX_ROWS_WITH_EXTREMES: usize = 20;
 /// Position error equivalent to the limits of speed and tilt, m: half the deck's width minus half of the feet's span.
 const POSITION_LIMIT_M: f64 = 0.65;
-/// Number of landings that one unsafe trial outweighs.
+/// Number of perfect landings that one unsafe trial outweighs.
 const UNSAFE_COST: f64 = 10.0;
 /// Pool of all scenes.
 const ALL: &str = "all";
@@ -64,6 +65,9 @@ struct TableRow {
     mean_95: BTreeMap<&'static str, [f64; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     score: Option<f64>,
+    /// 95 % bootstrap interval of the score.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    score_95: Option<[f64; 2]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     published: Option<PublishedResult>,
     /// Worst first, by the fraction of a success limit.
@@ -84,7 +88,7 @@ pub struct Study<'a> {
     pub program: &'a str,
     pub definition: &'a Definition,
     pub rows: &'a Rows,
-    pub hash: &'a str,
+    pub result: &'a StudyResult,
     /// In the order of the rows.
     pub outcomes: &'a [Outcome],
 }
@@ -158,12 +162,14 @@ impl Study<'_> {
             _ => None,
         };
         let summary = Summary::of(&set.outcomes);
+        let score = self.definition.version.and_then(|_| score(&set.outcomes));
         TableRow {
             scenario: set.name.into(),
             planner: set.planner.into(),
             values: summary_json(&summary),
             mean_95: COLUMNS.iter().filter_map(interval).collect(),
-            score: self.definition.version.map(|_| score(&summary)),
+            score: score.map(|(mean, _)| mean),
+            score_95: score.map(|(_, interval)| interval),
             published,
             worst_seeds: seeds.iter().take(others).copied().collect(),
             best_seed: seeds.last().copied().unwrap_or_default(),
@@ -171,6 +177,11 @@ impl Study<'_> {
             against: None,
             summary,
         }
+    }
+
+    /// What makes these rows less than the study, whose scenes are all flown without overrides.
+    fn remarks(&self) -> Vec<String> {
+        self.result.remarks(self.outcomes, self.rows.scenes)
     }
 
     /// Pools of the scenes: by the study's axis, and all together.
@@ -188,15 +199,7 @@ impl Study<'_> {
         if !has_several && self.definition.version.is_none() {
             return pools;
         }
-        let mut all = self.rows_by(|_| ALL);
-        for row in &mut all {
-            let own = pools.iter().filter(|p| p.planner == row.planner);
-            let scores: Vec<f64> = own.filter_map(|p| p.score).collect();
-            row.score = row
-                .score
-                .map(|_| scores.iter().sum::<f64>() / scores.len().max(1) as f64);
-        }
-        pools.extend(all);
+        pools.extend(self.rows_by(|_| ALL));
         pools
     }
 
@@ -244,7 +247,8 @@ impl Study<'_> {
                 cells.push(Cell::number(statistics.map(|f| f.mean), digits).note(notes.join("; ")));
             }
             if has_scores {
-                cells.push(Cell::number(row.score, 2));
+                let interval = row.score_95.map(|[low, high]| format!("{low:.2} to {high:.2}"));
+                cells.push(Cell::number(row.score, 2).note(interval.unwrap_or_default()));
             }
             table.row(cells);
         }
@@ -262,10 +266,16 @@ impl Study<'_> {
     }
 
     fn console(&self, rows: &[TableRow], pools: &[TableRow]) -> Vec<String> {
-        let title = &self.definition.title;
+        let mut title = self.definition.title.clone();
+        if self.definition.version.is_some() {
+            title = self
+                .remarks()
+                .into_iter()
+                .fold(title, |title, remark| title + ", " + &remark);
+        }
         let mut out = vec![wrapped(&format!(
             "{title}, configuration {}; mean (95th percentile)",
-            self.hash
+            self.result.configuration()
         ))];
         if self.definition.version.is_none() {
             out.push(self.table(rows).text());
@@ -300,8 +310,9 @@ impl Study<'_> {
         }
         let seeds = self.outcomes.iter().map(|o| o.seed);
         let value = json!({
-            "title": self.definition.title, "benchmark": self.definition.version, "program": self.program,
-            "machine": machine(), "configuration": self.hash, "seeds": [seeds.clone().min(), seeds.max()],
+            "title": self.definition.title, "benchmark": self.definition.version, "remarks": self.remarks(),
+            "program": self.program, "machines": self.result.machines, "configuration": self.result.configuration(),
+            "seeds": [seeds.clone().min(), seeds.max()],
             "rows": rows, "pooled": pools,
         });
         if let Some(out) = &self.args.out {
@@ -321,9 +332,26 @@ impl Study<'_> {
     }
 }
 
-/// (Landings - 10 unsafe trials) per trial.
-fn score(s: &Summary) -> f64 {
-    (s.successes as f64 - UNSAFE_COST * s.unsafe_trials as f64) / s.trials.max(1) as f64
+/// Score of a trial: 1 - r / 2 for a landing, where r is the largest ratio of a contact's speed or angle to its limit;
+/// 0 without a landing; below that for an unsafe trial.
+fn trial_score(o: &Outcome) -> f64 {
+    if o.success {
+        1.0 - 0.5 * o.limit_ratio
+    } else if o.is_unsafe() {
+        -UNSAFE_COST
+    } else {
+        0.0
+    }
+}
+
+/// Mean score of the trials and its 95 % interval; None for a planner that has never touched the deck.
+fn score(outcomes: &[&Outcome]) -> Option<(f64, [f64; 2])> {
+    if outcomes.iter().all(|o| o.is_rejected()) {
+        return None;
+    }
+    let scores: Vec<f64> = outcomes.iter().map(|o| trial_score(o)).collect();
+    let mean = scores.iter().sum::<f64>() / scores.len() as f64;
+    Some((mean, bootstrap_mean(&scores)?))
 }
 
 /// Largest fraction of a success limit that a trial reaches; failures rank above all successes.
@@ -341,13 +369,17 @@ pub fn replay_command(out: &Path, row: &StudyRow) -> Option<String> {
     let flag = |name: &str, path: PathBuf| path.exists().then(|| format!(" --{name} '{}'", path.display()));
     let scene = flag("scenario", run::scenario_file(out, &row.scenario))?;
     let [vessel, drone, tuning] = run::config_files(out, row);
-    Some(format!(
-        "alight trial{scene}{}{}{} {}",
-        flag("vessel-config", vessel).unwrap_or_default(),
-        flag("drone-config", drone).unwrap_or_default(),
-        flag("tuning", tuning).unwrap_or_default(),
-        written("planner", row.kind())
-    ))
+    Some(
+        format!(
+            "alight trial{scene}{}{}{} {}",
+            flag("vessel-config", vessel).unwrap_or_default(),
+            flag("drone-config", drone).unwrap_or_default(),
+            flag("tuning", tuning).unwrap_or_default(),
+            written("planner", row.kind())
+        ) + &row.nodes.predictor.as_ref().map_or_else(String::new, |own| {
+            format!(" {}", written("predictor", own.name()))
+        }),
+    )
 }
 
 fn failures(outcomes: &[Outcome]) -> Vec<String> {
@@ -402,18 +434,6 @@ fn extremes(rows: &[TableRow]) -> Table {
     table
 }
 
-fn machine() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = text
-        .lines()
-        .find_map(|l| l.strip_prefix("model name")?.split_once(": "));
-    let threads = std::thread::available_parallelism().map_or(0, usize::from);
-    format!(
-        "{}, {threads} threads",
-        model.map_or("unknown processor", |(_, name)| name)
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use alight_shared::wire;
@@ -461,7 +481,7 @@ mod tests {
             program: "",
             definition: &definition,
             rows: &expand(&definition, &args).unwrap(),
-            hash: "0123",
+            result: &StudyResult::default(),
             outcomes,
         };
         let rows = study.rows_by(|o| &o.sea);
@@ -472,20 +492,32 @@ mod tests {
 
     #[test]
     fn score_of_landings_and_unsafe_trials() {
-        let mut outcomes: Vec<Outcome> = (0..9)
-            .map(|k| flown("moderate", "a", k, Ending::Success))
-            .collect();
-        outcomes.push(flown("moderate", "a", 9, Ending::Timeout));
-        outcomes.push(flown("night, twin-5m", "a", 0, Ending::Success));
-        outcomes.push(flown("night, mono-5m", "a", 1, Ending::Hard));
-        let (_, pools, _) = published("benchmark", &outcomes);
-        let of = |k: usize| {
-            let p: &TableRow = &pools[k];
-            (p.scenario.as_str(), p.summary.trials, p.score.unwrap())
+        let half = |planner: &str, seed, ending| Outcome {
+            limit_ratio: 0.5,
+            ..flown("moderate", planner, seed, ending)
         };
-        assert_eq!([of(0), of(1)], [("moderate", 10, 0.9), ("night", 2, -4.5)]);
-        assert_eq!((of(2).0, of(2).1), ("all", 12));
-        assert!((of(2).2 + 1.8).abs() < 1e-12 && pools.len() == 3);
+        let landed = |planner: &'static str| (0..9).map(move |k| half(planner, k, Ending::Success));
+        let mut outcomes: Vec<Outcome> = landed("waits").chain(landed("hits")).collect();
+        outcomes.push(half("waits", 9, Ending::GaveUp));
+        outcomes.push(half("hits", 9, Ending::Hard));
+        outcomes.push(half("never flies", 9, Ending::GaveUp));
+        let (_, pools, text) = published("benchmark", &outcomes);
+        let score = |planner: &str| {
+            let row = pools.iter().find(|p| p.scenario == "all" && p.planner == planner);
+            row.unwrap().score
+        };
+        assert_eq!(score("never flies"), None);
+        let [waits, hits] = ["waits", "hits"].map(|planner| score(planner).unwrap());
+        assert!(
+            (waits - 0.9 * 0.75).abs() < 1e-12 && (hits - (waits - 1.0)).abs() < 1e-12,
+            "{waits} {hits}"
+        );
+        let [low, high] = pools[0].score_95.unwrap();
+        assert!(low < waits && waits < high, "{low} {high}");
+        assert!(
+            text.replace('\n', " ").contains("partial: 1 of 34 rows"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -15,6 +15,7 @@ use alight_sim::physics::sea::SeaConfig;
 use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95};
 use serde_json::{Value, json};
 
+use super::result::StudyResult;
 use super::rows::StudyRow;
 use super::run::{self, GridRun, write_files};
 use super::table::replay_command;
@@ -22,6 +23,7 @@ use crate::args::EnvelopeArgs;
 use crate::scene::Scene;
 use grid::{EnvelopeCell, EnvelopeGrid};
 
+const STUDY: &str = "# alight envelope\n";
 /// Maximum number of unsafe landings that are printed with a replay command.
 const MAX_UNSAFE: usize = 12;
 const HOLD_TITLE: &str =
@@ -99,9 +101,9 @@ fn base(args: &EnvelopeArgs) -> Result<Scene, CliError> {
     Ok(base)
 }
 
-pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
-    let grid = EnvelopeGrid::of(args);
-    let base = base(args)?;
+/// `program`: version and commit.
+pub fn run(args: &EnvelopeArgs, program: &str) -> Result<Exit, CliError> {
+    let (grid, base) = (EnvelopeGrid::of(args), base(args)?);
     let scenes: Vec<StudyRow> = grid.conditions().map(|c| scene(&base, c)).collect();
     let boat = args.scene.hull.as_deref().unwrap_or("the simulated vessel");
     note(
@@ -117,8 +119,8 @@ pub fn run(args: &EnvelopeArgs) -> Result<Exit, CliError> {
         note(true, wrapped(&format!("warning: {why}")));
     }
     let flights = GridRun {
-        study: "# alight envelope\n",
-        configuration: run::configuration_hash(&base.nodes),
+        study: STUDY,
+        result: StudyResult::new(program, STUDY, &args.scene.given(), &scenes),
         trials: grid.trials,
         seed0: args.seed0,
         jobs: args.jobs,
