@@ -9,6 +9,7 @@ import tempfile
 from typing import Any, Dict, Iterable, Optional
 
 from . import _program
+from ._door import served
 from ._columns import Columns, parts
 from ._folders import Envelope, Study
 from ._lazy import mcap_decoder, mcap_reader
@@ -28,13 +29,17 @@ def trial(*, topics: Optional[Iterable[str]] = None, timeout_s: float = 600.0, *
     A failed landing is a result (`outcome["success"]`); input that the program rejects raises an AlightError with its message.
     `record="landing.mcap"` keeps the recording, 9 MB; otherwise it is removed. `topics` are the topics to read (by default all
     except those that only viewers draw), `timeout_s` is the maximum computing time, s.
+
+    `planner` and `predictor` may be functions that receive an input (`alight config schema planner-input`) as a dict and return
+    an answer without its version, or None: `trial(planner=lambda line: {"common": True})`. What they raise is raised after the
+    flight.
     """
-    with tempfile.TemporaryDirectory(prefix="alight-") as directory:
+    with tempfile.TemporaryDirectory(prefix="alight-") as directory, served(flags) as names:
         kept = flags.pop("record", None)
         path = str(kept or os.path.join(directory, "trial.mcap"))
         answer = _program.run(["trial"], {**flags, "record": path}, timeout_s)
         run = read_recording(path, topics=topics)
-    run.outcome = answer.value
+    run.outcome = {**answer.value, **names}
     run.path = path if kept else None
     return run
 
