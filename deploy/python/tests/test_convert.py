@@ -8,6 +8,8 @@ import math
 import pathlib
 import re
 import struct
+import subprocess
+import sys
 import tempfile
 import unittest
 import unittest.mock
@@ -504,6 +506,74 @@ class Bags(Case):
         self.near(math.hypot(*speed), math.hypot(2.0, 1.0, 0.5))
         self.assertGreater(speed[1], 1.9)
         self.assertLess(speed[2], -0.5)
+
+    def test_mcap_without_its_metadata(self):
+        from rosbags.rosbag2 import StoragePlugin, Writer
+
+        store, messages = self.write(2)
+        path = self.directory / "boat"
+        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+            connection = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
+            for _, kind, ns, message in (m for m in messages if m[0] == "/imu"):
+                writer.write(connection, ns, store.serialize_cdr(message, kind))
+        alone = self.file("alone.mcap", next(path.glob("*.mcap")).read_bytes())
+        rows, notes = self.converted(alone)
+        self.assertEqual(len(of(rows, "gyro_x_radps")), 150)
+        self.assertIn("metadata.yaml is missing", notes)
+
+    def made(self, kind, *offset, case="bag-other-topic"):
+        """Bag of a case of ../shared/data/field (its README says what is right)."""
+        path = self.directory / f"{kind}.bag"
+        path.unlink(missing_ok=True)
+        make = FIELD / case / "make.py"
+        subprocess.run([sys.executable, make.name, kind, path, *offset], cwd=make.parent, check=True)
+        return path
+
+    @unittest.skipUnless(FIELD.exists(), "needs ../shared/data/field next to the project")
+    def test_topics_by_content(self):
+        for kind, note in (
+            ("cmd-vel-beside", "velocity is /vel, left out: /cmd_vel (a command)"),
+            ("body-velocity", "velocity is /mavros/local_position/velocity_local, left out: /mavros/local_position/velocity_body (in body"),
+            ("camera-imu", "imu is /imu/data, left out: /camera/imu (of a camera)"),
+            ("cmd-vel", "no velocity is used, left out: /cmd_vel (a command)"),
+        ):
+            with self.subTest(kind):
+                rows, notes = self.converted(self.made(kind))
+                self.assertIn(note, notes)
+                for _, north in of(rows, "north_mps"):
+                    self.near(north, 2.0 * math.cos(math.radians(40.0)))
+        rows, _ = self.converted(self.made("cmd-vel-beside"), topics=["/cmd_vel"])
+        self.near(of(rows, "east_mps")[0][1], 1.5)
+        with self.assertRaisesRegex(alight.AlightError, "no topic /wind.*/cmd_vel"):
+            convert(self.directory / "cmd-vel-beside.bag", self.directory / "x.csv", topics=["/wind"])
+
+    @unittest.skipUnless(FIELD.exists(), "needs ../shared/data/field next to the project")
+    def test_values_that_are_no_measurement(self):
+        for kind, column, count, note in (
+            ("good", "down_mps", 0, "the vertical speed is 0.0 in all messages: not measured"),
+            ("vel3d", "down_mps", 600, "axes are those"),
+            ("altitude-zero", "altitude_m", 0, "the altitude is 0.0 in all messages"),
+            ("covariance-huge", "latitude_deg", 300, "300 positions whose covariance states more than 100 m"),
+            ("identity", "roll_deg", 0, "the orientation of imu is the same in all messages"),
+        ):
+            with self.subTest(kind):
+                rows, notes = self.converted(self.made(kind))
+                self.assertEqual(len(of(rows, column)), count)
+                self.assertIn(note, notes)
+
+    @unittest.skipUnless(FIELD.exists(), "needs ../shared/data/field next to the project")
+    def test_axes_of_a_compass(self):
+        for kind in ("heading-driver", "heading-enu"):
+            for offset in ("0", "-55"):
+                with self.subTest(f"{kind} {offset}"):
+                    rows, notes = self.converted(self.made(kind, offset, case="bag-compass-heading"))
+                    for _, heading in of(rows, "heading_deg"):
+                        self.near((heading - 40.0 - float(offset) + 180.0) % 360.0, 180.0, 3.1)
+                    self.assertEqual(of(rows, "roll_deg"), [])
+                    self.assertIn("it is a heading", notes)
+                    self.assertEqual("clockwise from north" in notes, kind == "heading-driver")
+        rows, _ = self.converted(self.directory / "heading-driver.bag", axes="enu")
+        self.assertGreater(of(rows, "heading_deg")[0][1], 90.0)
 
     def test_bag_that_is_none(self):
         self.refused(self.file("cut.bag", b"#ROSBAG V2.0\n"), "no bag that rosbags reads")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import re
-from typing import Optional
+from typing import Optional, Sequence
 
 from .._program import AlightError
 from ._frame import Converted
@@ -37,11 +37,15 @@ HEAD_BYTES = 16 << 10
 __all__ = ["Converted", "convert"]
 
 
-def convert(path, out: Optional[str] = None, *, system: Optional[int] = None) -> Converted:
+def convert(
+    path, out: Optional[str] = None, *, system: Optional[int] = None, topics: Sequence[str] = (), axes: Optional[str] = None
+) -> Converted:
     """Converts one recording, writes its CSV, and returns its content.
 
     `path` is a file, or the directory of a ROS 2 bag. `out` is the CSV [default: the recording's name with `.csv`].
-    `system` is the MAVLink system of the vessel in a telemetry log [default: the one with the most attitudes]. A recording that
+    `system` is the MAVLink system of the vessel in a telemetry log [default: the one with the most attitudes]. `topics` are topics
+    of a bag that are used [default: the best of each kind by type, frame and name], and `axes` those of its headings, enu or
+    compass [default: those that the course over ground confirms]. A recording that
     cannot be converted raises an AlightError with code 2; a missing library raises an ImportError that names it.
     """
     path = os.fspath(path)
@@ -49,7 +53,13 @@ def convert(path, out: Optional[str] = None, *, system: Optional[int] = None) ->
     if os.path.exists(out) and os.path.exists(path) and os.path.samefile(out, path):
         raise AlightError(f"{out}: the CSV would replace the recording; name another file by -o", 2)
     try:
-        converted = _reader(path, _head(path))(path, system)
+        read = _reader(path, _head(path))
+        if topics or axes is not None:
+            if not read.__module__.endswith("._bags"):
+                raise AlightError(f"{path}: no bag of ROS; only a bag has topics and axes", 2)
+            converted = read(path, system, topics, axes)
+        else:
+            converted = read(path, system)
         converted.write(path, out)
     except KeyError as error:
         raise AlightError(f"{path}: the recording has no field {error}, which is converted; it is damaged or of an unknown version", 2) from None

@@ -21,9 +21,13 @@ def main(words: Optional[List[str]] = None) -> int:
     parser.add_argument("-o", dest="out", metavar="OUT.csv", help="the CSV [default: FILE with the suffix .csv]")
     system = "MAVLink system of the vessel in a tlog [default: the one with the most attitudes]"
     parser.add_argument("--system", type=int, metavar="N", help=system)
+    topic = "use this topic of a bag of ROS [default: the best of each kind by type, frame and name]; may be given several times"
+    parser.add_argument("--topic", dest="topics", action="append", default=[], metavar="NAME", help=topic)
+    axes = "axes of headings in a bag: REP 103, or a compass's, clockwise from north [default: as the course over ground confirms]"
+    parser.add_argument("--axes", choices=("enu", "compass"), help=axes)
     args = parser.parse_args(words)
     try:
-        converted = convert(args.file, args.out, system=args.system)
+        converted = convert(args.file, args.out, system=args.system, topics=args.topics, axes=args.axes)
     except (AlightError, ImportError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -69,8 +69,13 @@ class Converted:
         keep = thinned(t, ATTITUDE_STEP_S)
         self.add(t[keep], roll_deg=np.degrees(roll)[keep], pitch_deg=np.degrees(pitch)[keep])
         if yaw is not None:
-            keep = thinned(t, HEADING_STEP_S)
-            self.add(t[keep], heading_deg=np.degrees(yaw)[keep] % 360.0)
+            self.add_heading(t, yaw)
+
+    def add_heading(self, t_s, heading) -> None:
+        """Adds headings (rad, clockwise from north) of an autopilot's filter or a compass."""
+        t = np.asarray(t_s, dtype=float)
+        keep = thinned(t, HEADING_STEP_S)
+        self.add(t[keep], heading_deg=np.degrees(heading)[keep] % 360.0)
 
     def summary(self) -> str:
         """Description of the CSV: number of rows, duration and columns."""
