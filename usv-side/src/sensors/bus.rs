@@ -193,17 +193,12 @@ impl SensorBus {
             return;
         };
         self.devices.observe(k, (device, at_ns), &sample);
-        let part = match content {
-            Content::Velocity { .. } => 0,
-            Content::Gnss(fix) if fix.altitude_m.is_some() => 1,
-            Content::Heading { .. }
-            | Content::Rate(_)
-            | Content::Rates(_)
-            | Content::Attitude(_)
-            | Content::Heave(_)
-            | Content::Variation(_)
-            | Content::Position(_)
-            | Content::Gnss(_) => return,
+        let part = if k == VELOCITIES {
+            0
+        } else if matches!(content, Content::Gnss(fix) if fix.altitude_m.is_some()) {
+            1
+        } else {
+            return;
         };
         if let Some(places) = self.devices.groups.get_mut(PLACES) {
             places.note_part(device, part, at_ns);

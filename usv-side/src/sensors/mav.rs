@@ -65,6 +65,8 @@ pub struct MavlinkDecoder {
     gps_heading: bool,
     /// Number of attitudes still to be rejected after the estimator's newest report.
     unfit: u16,
+    /// The estimator reports that its yaw is not aligned.
+    unaligned: bool,
     account: Account,
     requests: u32,
 }
@@ -188,8 +190,12 @@ impl MavlinkDecoder {
         Some(())
     }
     fn estimator(&mut self, flags: m::EstimatorStatusFlags) -> Option<()> {
-        let is_fit = flags.contains(m::EstimatorStatusFlags::ESTIMATOR_ATTITUDE);
+        use m::EstimatorStatusFlags as F;
+        let is_fit = flags.contains(F::ESTIMATOR_ATTITUDE);
         self.unfit = if is_fit { 0 } else { UNFIT };
+        // The attitude's flag needs only the tilt; a horizontal position needs the yaw.
+        self.unaligned =
+            !flags.contains(F::ESTIMATOR_POS_HORIZ_ABS) || flags.contains(F::ESTIMATOR_CONST_POS_MODE);
         Some(())
     }
     fn is_unfit(&mut self) -> bool {
@@ -230,6 +236,9 @@ impl MavlinkDecoder {
         out.push(SourceMeasurement::new(at_ns, fix));
         if !self.gps_heading && at_ns.saturating_sub(self.heading_ns).saturating_abs() >= HEADING_STEP_NS {
             self.heading_ns = at_ns;
+            if self.unaligned {
+                return self.leave_out("yaw-not-aligned", Why::Invalid);
+            }
             out.push(SourceMeasurement::new(at_ns, self.mounting.heading_fix(yaw)));
         }
         Some(())

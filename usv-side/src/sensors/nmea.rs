@@ -82,6 +82,8 @@ pub struct NmeaDecoder {
     velocity: Partner,
     rate: Partner,
     height: Partner,
+    /// GSA states a two-dimensional fix.
+    is_flat: bool,
     /// No epoch is complete yet, so it is unknown whether epochs have a better position.
     is_first: bool,
     /// Number of magnetic headings since the last true heading.
@@ -168,6 +170,7 @@ impl NmeaDecoder {
             velocity: Partner::default(),
             rate: Partner::default(),
             height: Partner::default(),
+            is_flat: false,
             is_first: true,
             without_true: MAX_SPARE,
             seatex_invalid: [false; 2],
@@ -315,6 +318,10 @@ impl NmeaDecoder {
                 "PTNL" if fields.first() == Some(&"AVR") => self.avr("PTNL-AVR", fields, out),
                 "PTNTHPR" => self.ptnthpr(&address, fields, out),
                 "HPR" => self.hpr(&address, fields, out),
+                "GSA" => {
+                    self.decoded.good += 1;
+                    self.is_flat = fields.get(1) == Some(&"2");
+                }
                 _ => self.pass_over(&foreign::name(&address, fields)),
             },
         }
@@ -450,7 +457,14 @@ impl NmeaDecoder {
         let at_ns = e.at_ns;
         let waits = |here: bool, partner: Partner| !here && !last && partner.is_due(at_ns);
         let is_first = self.is_first;
-        if let Some(p) = e.position.filter(|p| !e.fixed && (p.has_height() || !is_first))
+        if let Some(p) = e.position.as_mut().filter(|p| self.is_flat && p.has_height()) {
+            // A held height is not measured.
+            self.account.leave_out("height", Why::Flat);
+            (p.datum.height_m, p.sd[2], p.height_spread) = (0.0, NOT_MEASURED_SD, 0.0);
+        }
+        // The first epoch may lack a better position, or the kind of its fix, until it ends.
+        let is_whole = |p: &Position| !is_first || last && p.has_height();
+        if let Some(p) = e.position.filter(|p| !e.fixed && is_whole(p))
             && !waits(e.velocity.is_some(), self.velocity)
             && !waits(p.has_height() || e.levelled, self.height)
         {

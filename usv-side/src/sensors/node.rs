@@ -28,6 +28,9 @@ const WITHIN: u8 = 2;
 const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
 /// Threshold above which a time is since 1970, not since the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
+/// Remark on a heading whose stated accuracy has no witness.
+const UNWITNESSED: &str =
+    "heading: unwitnessed: no second compass, rate of turn or course over ground confirms or contradicts it";
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
 /// Bytes of each source since the last step, in configured order.
@@ -284,7 +287,12 @@ impl SensorNode {
     }
     /// Remarks on each source, in addition to its statistics.
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
-        self.sources.iter().map(Source::remarks).collect()
+        let mut all: Vec<Vec<Remark>> = self.sources.iter().map(Source::remarks).collect();
+        let unwitnessed = self.movement.unwitnessed().map(|sensor| sensor / WHOSE.len());
+        if let Some(remarks) = unwitnessed.and_then(|source| all.get_mut(source)) {
+            remarks.push(Remark::fine(UNWITNESSED.into()));
+        }
+        all
     }
     pub fn status(&self) -> Vec<SourceStatus> {
         self.sources.iter().map(|s| s.status).collect()

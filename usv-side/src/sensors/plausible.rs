@@ -21,7 +21,7 @@ use self::agreement::{Agreement, Lengths};
 use self::antenna::Inverted;
 use self::drift::Drift;
 use self::heave::Heave;
-use self::part::{Part, Texts};
+use self::part::{PARTS, Part, Texts};
 use self::standstill::Contradicted;
 pub(crate) use self::standstill::Movement;
 use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
@@ -96,8 +96,10 @@ pub(crate) struct Judged {
 }
 
 /// Channels of the sensors of one source.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Plausibility {
+    /// Verdict on each part, in the order of [`PARTS`].
+    verdicts: [ChannelState; PARTS.len()],
     heave: Heave,
     rates: Agreement<[f64; 2]>,
     /// Newest yaw rate sent with an attitude, rad/s, and its agreement with the heading.
@@ -105,38 +107,12 @@ pub(crate) struct Plausibility {
     yaw_rate: Agreement<f64>,
     rate_of_turn: Agreement<f64>,
     velocity: Agreement<(Datum, [f64; 3])>,
-    height: ChannelState,
     /// Newest height, m.
     newest_height: Option<(Time<VesselClock>, f64)>,
-    tilt: ChannelState,
-    place: ChannelState,
-    heading: ChannelState,
     /// Heading across or against the course, at present.
     drift: Option<Drift>,
-    force: ChannelState,
     /// Mean specific force, m/s², with the times of start and newest sample.
     mean_force: Option<([f64; 3], Time<VesselClock>, Time<VesselClock>)>,
-}
-
-impl Default for Plausibility {
-    fn default() -> Self {
-        Plausibility {
-            heave: Heave::default(),
-            rates: Agreement::new(OF_TILT),
-            newest_yaw_rate: None,
-            yaw_rate: Agreement::new(OF_HEADING),
-            rate_of_turn: Agreement::new(OF_HEADING),
-            velocity: Agreement::new(OF_POSITION),
-            height: ChannelState::default(),
-            newest_height: None,
-            tilt: ChannelState::default(),
-            place: ChannelState::default(),
-            heading: ChannelState::default(),
-            drift: None,
-            force: ChannelState::default(),
-            mean_force: None,
-        }
-    }
 }
 
 impl Plausibility {
@@ -157,7 +133,7 @@ impl Plausibility {
                 let heave = fix.heave.map(|h| self.heave(fix, h, by_others.heave_per_height));
                 let rates = fix.rates.map(|r| self.rates(fix, r));
                 let by_heading = rates.map(|_| Taken {
-                    believed: !self.yaw_rate.verdict.is_out(),
+                    believed: !self.verdict(Part::YawRate).is_out(),
                     since: None,
                 });
                 [
@@ -172,10 +148,17 @@ impl Plausibility {
                 let since = self.compare_yaw_rate(fix);
                 retracted.extend(since.map(|since| (Part::YawRate, since)));
                 let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
-                self.heading.judge(at, None);
+                let is_course = by_others.is_course;
+                let loses = self
+                    .verdict(Part::Heading)
+                    .take(at, is_course.map(|_| Doubt::Copy));
+                let heading = Taken {
+                    believed: is_course.is_none(),
+                    since: if loses { is_course } else { None },
+                };
                 [
                     (Part::RateOfTurn, rate),
-                    (Part::Heading, Some(passed)),
+                    (Part::Heading, Some(heading)),
                     none,
                     none,
                 ]
@@ -183,7 +166,7 @@ impl Plausibility {
             Measurement::Gnss(fix) => {
                 let velocity = (has_velocity(fix) && has_place(fix)).then(|| self.velocity(fix));
                 let height = has_height(fix).then(|| self.height(fix));
-                self.place.judge(at, None);
+                self.verdict(Part::Place).judge(at, None);
                 [
                     (Part::Velocity, velocity),
                     (Part::Height, height),
@@ -214,10 +197,11 @@ impl Plausibility {
     }
 
     fn heave(&mut self, fix: &AttitudeFix, heave: f64, per_height: Option<f64>) -> Taken {
-        let taken = self.heave.take(fix.header.at, heave, fix.heave_sd);
+        let verdict = &mut self.verdicts[Part::Heave as usize];
+        let taken = self.heave.take(verdict, fix.header.at, heave, fix.heave_sd);
         let doubt = per_height.filter(|_| taken.believed).map(Doubt::OfHeight);
         if let Some(doubt) = doubt {
-            self.heave.verdict.reject(fix.header.at, doubt);
+            verdict.reject(fix.header.at, doubt);
         }
         Taken {
             believed: taken.believed && doubt.is_none(),
@@ -237,10 +221,7 @@ impl Plausibility {
         let (size, off) = (x.hypot(y).hypot(z), x.hypot(y).atan2(-z));
         let lasts = !is_gap && (at - begun).secs() > 2.0 * GRAVITY_S && size > 1.0;
         let doubt = (lasts && off > MAX_MEAN_TILT_RAD).then_some(Doubt::Axes(off));
-        match doubt {
-            Some(doubt) => self.force.reject(at, doubt),
-            None => self.force.judge(at, None),
-        };
+        self.verdict(Part::Force).take(at, doubt);
         Taken {
             believed: doubt.is_none(),
             since: None,
@@ -257,12 +238,18 @@ impl Plausibility {
         if rate.is_ok() && pitch.abs() < MAX_TILT_RAD {
             self.newest_yaw_rate = Some((fix.header.at, (q * sin + r * cos) / pitch.cos()));
         }
-        self.rates
-            .take(fix.header.at, fix.tilt, rate, |from, to, integral| {
+        let verdict = &mut self.verdicts[Part::Rates as usize];
+        self.rates.take(
+            (verdict, &OF_TILT),
+            fix.header.at,
+            fix.tilt,
+            rate,
+            |from, to, integral| {
                 let change = [wrap_angle(to[0] - from[0]), to[1] - from[1]];
                 let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
                 Some((off, off > noise + EXACT * f64::hypot(change[0], change[1])))
-            })
+            },
+        )
     }
 
     /// Compares the newest yaw rate with the heading. Returns the start of a detected disagreement.
@@ -272,14 +259,27 @@ impl Plausibility {
         if (at - then).abs().secs() > OF_TILT.step_s {
             return None;
         }
+        let verdict = &mut self.verdicts[Part::YawRate as usize];
         self.yaw_rate
-            .take(at, fix.heading, Ok([rate, 0.0]), turn_by_heading(fix))
+            .take(
+                (verdict, &OF_HEADING),
+                at,
+                fix.heading,
+                Ok([rate, 0.0]),
+                turn_by_heading(fix),
+            )
             .since
     }
     fn rate_of_turn(&mut self, fix: &HeadingFix, rate: f64) -> Taken {
         let rate = bounded(&[rate], MAX_TURN_RADPS).map(|()| [rate, 0.0]);
-        self.rate_of_turn
-            .take(fix.header.at, fix.heading, rate, turn_by_heading(fix))
+        let verdict = &mut self.verdicts[Part::RateOfTurn as usize];
+        self.rate_of_turn.take(
+            (verdict, &OF_HEADING),
+            fix.header.at,
+            fix.heading,
+            rate,
+            turn_by_heading(fix),
+        )
     }
 
     /// Compares the way made good with the velocity; the direction has the tolerance of a smoothed course.
@@ -291,8 +291,13 @@ impl Plausibility {
         let [north, east, _] = fix.velocity;
         let rate = bounded(&[north.hypot(east)], MAX_SPEED_MPS).map(|()| [north, east]);
         let place = (fix.datum, fix.position);
-        self.velocity
-            .take(fix.header.at, place, rate, |from, to, integral| {
+        let verdict = &mut self.verdicts[Part::Velocity as usize];
+        self.velocity.take(
+            (verdict, &OF_POSITION),
+            fix.header.at,
+            place,
+            rate,
+            |from, to, integral| {
                 let apart = from.0.to::<VesselNed>(&to.0).0;
                 let change = [apart.x + to.1[0] - from.1[0], apart.y + to.1[1] - from.1[1]];
                 let moved = f64::hypot(change[0], change[1]);
@@ -304,7 +309,8 @@ impl Plausibility {
                 let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
                 let disagrees = further > noise + EXACT * moved || off > noise + SMOOTHED * moved;
                 Some((off, disagrees))
-            })
+            },
+        )
     }
 
     fn height(&mut self, fix: &GnssFix) -> Taken {
@@ -322,12 +328,10 @@ impl Plausibility {
         } else {
             Some(Doubt::Beyond(height))
         };
-        let loses = match doubt {
-            Some(doubt) => self.height.reject(at, doubt),
-            None => self.height.judge(at, None),
-        };
+        let verdict = self.verdict(Part::Height);
+        let loses = verdict.take(at, doubt);
         Taken {
-            believed: doubt.is_none() && !self.height.is_out(),
+            believed: doubt.is_none() && !verdict.is_out(),
             since: loses.then_some(at),
         }
     }
@@ -337,48 +341,21 @@ impl Plausibility {
         let doubt = bounded(&fix.tilt, MAX_TILT_RAD).err();
         let doubt = doubt.or(inverted.map(Doubt::Inverted));
         // Without attitude there is no estimate, so a good value is used soon; degrees pass for radians in between.
-        let passes = self.tilt.is_out() && self.tilt.was_impossible(at, PASSING_S);
-        match doubt {
-            Some(doubt) => self.tilt.reject(at, doubt),
-            None => self.tilt.judge(at, None),
-        };
+        let verdict = self.verdict(Part::Tilt);
+        let passes = verdict.is_out() && verdict.was_impossible(at, PASSING_S);
+        verdict.take(at, doubt);
         Taken {
             believed: doubt.is_none() && !passes,
             since: None,
         }
     }
 
-    fn verdicts(&self) -> [(Part, &ChannelState); 10] {
-        [
-            (Part::Force, &self.force),
-            (Part::Tilt, &self.tilt),
-            (Part::Heading, &self.heading),
-            (Part::Place, &self.place),
-            (Part::Heave, &self.heave.verdict),
-            (Part::Rates, &self.rates.verdict),
-            (Part::YawRate, &self.yaw_rate.verdict),
-            (Part::RateOfTurn, &self.rate_of_turn.verdict),
-            (Part::Velocity, &self.velocity.verdict),
-            (Part::Height, &self.height),
-        ]
-    }
     fn verdict(&mut self, part: Part) -> &mut ChannelState {
-        match part {
-            Part::Heave => &mut self.heave.verdict,
-            Part::Rates => &mut self.rates.verdict,
-            Part::YawRate => &mut self.yaw_rate.verdict,
-            Part::RateOfTurn => &mut self.rate_of_turn.verdict,
-            Part::Velocity => &mut self.velocity.verdict,
-            Part::Height => &mut self.height,
-            Part::Tilt => &mut self.tilt,
-            Part::Place => &mut self.place,
-            Part::Heading => &mut self.heading,
-            Part::Force => &mut self.force,
-        }
+        &mut self.verdicts[part as usize]
     }
     /// Remark on each part with removed values; `whose` names the sensor ("" or "second receiver: ").
     pub(crate) fn remarks(&self, whose: &str) -> Vec<Remark> {
-        let remark = |(part, verdict): (Part, &ChannelState)| {
+        let remark = |(part, verdict): (&Part, &ChannelState)| {
             let (doubt, left_out, taken) = verdict.account()?;
             let t = part.texts();
             let text = format!(
@@ -402,7 +379,7 @@ impl Plausibility {
                 "unless the vessel goes astern or drifts, check sign and mounting of the compass",
             )
         });
-        let all = self.verdicts().into_iter().filter_map(remark);
+        let all = PARTS.iter().zip(&self.verdicts).filter_map(remark);
         all.chain(drift).collect()
     }
 }
@@ -428,6 +405,10 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
             format!("has the opposite sign of the fixes' height ({ratio:.1} m per metre; see mount.heave)")
         }
         Doubt::OfHeight(ratio) => format!("is {ratio:.1} times the fixes' change of height: check its unit"),
+        Doubt::Copy => format!(
+            "repeats the {} over ground: this device has no compass",
+            t.compared
+        ),
         Doubt::Axes(off) => format!("shows gravity {} from down", size(off)),
         Doubt::Inverted(i) => format!(
             "has the wrong sign of {}, or gnss.antenna_m is wrong: by the fixes the antenna is at {:.1} m above the \

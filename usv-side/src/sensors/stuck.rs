@@ -39,27 +39,16 @@ impl RepeatedSamples {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Uniform in 0 to 1 (splitmix64), so that the test is reproducible.
-    struct Uniform(u64);
-    impl Uniform {
-        fn next(&mut self) -> f64 {
-            self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-            let mut z = self.0;
-            z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-            ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-        }
-        /// Normal, with standard deviation 1 (Box and Muller).
-        fn normal(&mut self) -> f64 {
-            let radius = (-2.0 * self.next().max(1e-300).ln()).sqrt();
-            radius * (std::f64::consts::TAU * self.next()).cos()
-        }
-    }
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution as _, StandardNormal};
 
     /// Sample at rest with a resolution of `lsb` and noise of a third of it.
-    fn still(noise: &mut Uniform, lsb: f64) -> ImuSample {
-        let mut axis = |mean: f64| ((mean / lsb + noise.normal() / 3.0).round()) * lsb;
+    fn still(noise: &mut ChaCha8Rng, lsb: f64) -> ImuSample {
+        let mut axis = |mean: f64| {
+            let normal: f64 = StandardNormal.sample(noise);
+            (mean / lsb + normal / 3.0).round() * lsb
+        };
         ImuSample {
             gyro: [axis(0.0), axis(0.0), axis(0.0)],
             accelerometer: [axis(0.0), axis(0.0), axis(-9.81)],
@@ -69,7 +58,7 @@ mod tests {
 
     #[test]
     fn quantised_sensor_of_a_vessel_at_rest() {
-        let (mut noise, mut newest) = (Uniform(7), RepeatedSamples::default());
+        let (mut noise, mut newest) = (ChaCha8Rng::seed_from_u64(7), RepeatedSamples::default());
         let mut longest = 0;
         for _ in 0..1_000_000 {
             assert!(!newest.is_stuck(&still(&mut noise, 1e-3)));
@@ -80,7 +69,7 @@ mod tests {
 
     #[test]
     fn repeated_sample_until_another_comes() {
-        let (mut noise, mut newest) = (Uniform(7), RepeatedSamples::default());
+        let (mut noise, mut newest) = (ChaCha8Rng::seed_from_u64(7), RepeatedSamples::default());
         let frozen = still(&mut noise, 1e-3);
         let stuck = (0..200).filter(|_| newest.is_stuck(&frozen)).count();
         assert_eq!(stuck as u32, 200 - (MAX_REPEATED - 1));

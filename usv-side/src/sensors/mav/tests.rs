@@ -186,6 +186,12 @@ fn mavlink_attitudes_of_a_doubtful_estimator() {
         260 - usize::from(UNFIT)
     );
     assert_eq!(of(&[status(1), tilts(0, 10)].concat()).0, 10);
+    // The yaw is aligned with a horizontal position, and not in the mode of a constant position.
+    for (flags, headings) in [(0x01, 0), (0x91, 0), (0x11, 2)] {
+        let bytes = [frame(0, &boat()), status(flags), tilts(1000, 10)].concat();
+        let (all, _) = decode(&bytes, 91, Mount::default());
+        assert_eq!(fixtures::count(&all, 2), headings, "{flags}");
+    }
 }
 
 #[test]

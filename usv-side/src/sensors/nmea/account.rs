@@ -30,6 +30,8 @@ pub(crate) const ANGLES: &str =
 pub(in crate::sensors) enum Why {
     Simulated,
     NoFix,
+    /// A fix without a height.
+    Flat,
     /// Fix quality, as in GGA.
     Quality(u8),
     Magnetic,
@@ -57,68 +59,62 @@ pub(in crate::sensors) enum Why {
 }
 
 impl Why {
-    fn text(self) -> Cow<'static, str> {
-        let text = match self {
-            Why::Quality(q) => return format!("of unknown quality {q}").into(),
+    /// Text, and remedy; no remedy if the reason is not a fault.
+    fn texts(self) -> (Cow<'static, str>, Option<&'static str>) {
+        const COMMA: &str = "set the program that sends it to decimal points (its locale)";
+        const FIX: &str = "the receiver has no fix: check its antenna and its view of the sky";
+        let (text, remedy) = match self {
+            Why::Quality(q) => {
+                let remedy = "set the receiver to the qualities of NMEA 0183 (0 to 8), or report this one";
+                return (format!("of unknown quality {q}").into(), Some(remedy));
+            }
             Why::Fields(n, known) => {
-                return format!("{n} fields, {known} are known: a decimal comma?").into();
+                let text = format!("{n} fields, {known} are known: a decimal comma?");
+                return (text.into(), Some(COMMA));
             }
-            Why::Shifted => "a number in place of a letter: a decimal comma?",
-            Why::Nowhere => "at 0 N 0 E: a receiver without a fix",
-            Why::Unit => "angles not in degrees (D)",
-            Why::NotRead => "an unsupported kind",
-            Why::Angles => ANGLES,
-            Why::Empty => "empty",
-            Why::Spare => "a better one is used",
-            Why::Invalid => "marked as invalid",
-            Why::NoFix => "no fix",
-            Why::Simulated => "simulated or set by hand",
-            Why::Magnetic => "magnetic, and the variation is not known",
-            Why::Cached => "the first after the server's greeting, of any age",
-            Why::HeldUp => "delayed, and without a time of its own",
-            Why::Length => "of an unexpected length",
-            Why::FixedBase => "of a fixed base: the direction to it is not a heading",
-            Why::Range => "a heading outside of 0 to 360 deg",
-            Why::OtherClock => "of another clock than the other times",
-            Why::Foreign(_) => "another format",
-        };
-        text.into()
-    }
-    /// Remedy; None if the reason is not a fault.
-    const fn remedy(self) -> Option<&'static str> {
-        match self {
-            Why::NotRead
-            | Why::Angles
-            | Why::Empty
-            | Why::Spare
-            | Why::Cached
-            | Why::HeldUp
-            | Why::FixedBase => None,
-            Why::Foreign(remedy) => Some(remedy),
-            Why::Quality(_) => {
-                Some("set the receiver to the qualities of NMEA 0183 (0 to 8), or report this one")
-            }
-            Why::Unit => Some("set the instrument to degrees"),
-            Why::Fields(..) | Why::Shifted => {
-                Some("set the program that sends it to decimal points (its locale)")
-            }
-            Why::Range => Some("set the instrument to headings of 0 to 360 deg"),
-            Why::OtherClock => Some("set the clock of that instrument to UTC, or switch its sentence off"),
-            Why::Invalid => {
-                Some("the sensor itself marks it as invalid: check its alignment and its antennas")
-            }
-            Why::NoFix | Why::Nowhere => {
-                Some("the receiver has no fix: check its antenna and its view of the sky")
-            }
-            Why::Simulated => Some("end the device's demonstration mode, or its position set by hand"),
-            Why::Length => {
-                Some("the receiver is of another generation: switch on other messages that are read, or NMEA")
-            }
-            Why::Magnetic => Some(
+            Why::Foreign(remedy) => ("another format", remedy),
+            Why::Shifted => ("a number in place of a letter: a decimal comma?", COMMA),
+            Why::Nowhere => ("at 0 N 0 E: a receiver without a fix", FIX),
+            Why::NoFix => ("no fix", FIX),
+            Why::Flat => (
+                "a two-dimensional fix (GSA 2): its height is not measured",
+                "give the antenna a free view of the sky: a height needs four satellites or more",
+            ),
+            Why::Unit => ("angles not in degrees (D)", "set the instrument to degrees"),
+            Why::Invalid => (
+                "marked as invalid",
+                "the sensor itself marks it as invalid: check its alignment and its antennas",
+            ),
+            Why::Simulated => (
+                "simulated or set by hand",
+                "end the device's demonstration mode, or its position set by hand",
+            ),
+            Why::Magnetic => (
+                "magnetic, and the variation is not known",
                 "a heading from the north is needed: HDT, or RMC or HDG with the variation; on NMEA 2000 one from the north, or 127258; on \
                  Signal K navigation.magneticVariation",
             ),
-        }
+            Why::Length => (
+                "of an unexpected length",
+                "the receiver is of another generation: switch on other messages that are read, or NMEA",
+            ),
+            Why::Range => (
+                "a heading outside of 0 to 360 deg",
+                "set the instrument to headings of 0 to 360 deg",
+            ),
+            Why::OtherClock => (
+                "of another clock than the other times",
+                "set the clock of that instrument to UTC, or switch its sentence off",
+            ),
+            Why::NotRead => ("an unsupported kind", ""),
+            Why::Angles => (ANGLES, ""),
+            Why::Empty => ("empty", ""),
+            Why::Spare => ("a better one is used", ""),
+            Why::Cached => ("the first after the server's greeting, of any age", ""),
+            Why::HeldUp => ("delayed, and without a time of its own", ""),
+            Why::FixedBase => ("of a fixed base: the direction to it is not a heading", ""),
+        };
+        (text.into(), Some(remedy).filter(|remedy| !remedy.is_empty()))
     }
 }
 
@@ -214,8 +210,9 @@ impl Account {
         if each.len() > MAX_NAMED {
             named.push("others".into());
         }
-        let text = format!("left out: {} ({})", named.join(", "), why.text());
-        Some(match why.remedy() {
+        let (why, remedy) = why.texts();
+        let text = format!("left out: {} ({why})", named.join(", "));
+        Some(match remedy {
             Some(remedy) => Remark::fault(text, remedy),
             None => Remark::fine(text),
         })

@@ -456,7 +456,7 @@ impl NmeaDecoder {
         }
         for group in s.groups.iter().filter(|g| g.sensor_type == Some('A')) {
             let name = group.name.as_deref().unwrap_or_default().to_ascii_uppercase();
-            let has = |part: &str| name.contains(part);
+            let has = |part: &str| name.contains(part) && !name.contains("RATE");
             let which = match (
                 has("ROLL") || has("HEEL"),
                 has("PTCH") || has("PITCH") || has("TRIM"),

@@ -11,7 +11,6 @@ use super::verdict::{ChannelState, Doubt, Taken};
 /// period, half of them disagree.
 const MAX_DISAGREEING: f64 = 0.6;
 
-#[derive(Clone, Copy, Debug)]
 pub(super) struct Lengths {
     pub(super) interval_s: f64,
     /// Maximum time between two values, s; after a longer gap the rate is unknown.
@@ -21,10 +20,8 @@ pub(super) struct Lengths {
 }
 
 /// Comparison of a rate with two components and a quantity `P`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Agreement<P> {
-    pub(super) verdict: ChannelState,
-    lengths: Lengths,
     begin: Option<(Time<VesselClock>, P)>,
     last: Option<(Time<VesselClock>, [f64; 2])>,
     integral: [f64; 2],
@@ -36,49 +33,38 @@ pub(super) struct Agreement<P> {
 }
 
 impl<P: Copy> Agreement<P> {
-    pub(super) fn new(lengths: Lengths) -> Self {
-        Agreement {
-            verdict: ChannelState::default(),
-            lengths,
-            begin: None,
-            last: None,
-            integral: [0.0; 2],
-            intervals: 0,
-            disagreeing: 0,
-            squares: 0.0,
-            since: None,
-        }
-    }
     /// Adds a quantity and its rate, or the reason why the rate is impossible. `compare` returns integral
     /// minus change, and whether it is too large; None without information.
     pub(super) fn take(
         &mut self,
+        (verdict, lengths): (&mut ChannelState, &Lengths),
         at: Time<VesselClock>,
         quantity: P,
         rate: Result<[f64; 2], Doubt>,
         compare: impl FnOnce(P, P, [f64; 2]) -> Option<(f64, bool)>,
     ) -> Taken {
         let since = match rate {
-            Ok(rate) => self.add(at, quantity, rate, compare),
+            Ok(rate) => self.add((&mut *verdict, lengths), at, quantity, rate, compare),
             Err(doubt) => {
                 (self.begin, self.last) = (None, None);
-                self.verdict.reject(at, doubt).then_some(self.since.unwrap_or(at))
+                verdict.reject(at, doubt).then_some(self.since.unwrap_or(at))
             }
         };
         Taken {
-            believed: rate.is_ok() && !self.verdict.is_out(),
+            believed: rate.is_ok() && !verdict.is_out(),
             since,
         }
     }
     fn add(
         &mut self,
+        (verdict, lengths): (&mut ChannelState, &Lengths),
         at: Time<VesselClock>,
         quantity: P,
         rate: [f64; 2],
         compare: impl FnOnce(P, P, [f64; 2]) -> Option<(f64, bool)>,
     ) -> Option<Time<VesselClock>> {
         let step = self.last.map(|(then, before)| ((at - then).secs(), before));
-        let Some((dt, before)) = step.filter(|(dt, _)| *dt > -1.0 && *dt <= self.lengths.step_s) else {
+        let Some((dt, before)) = step.filter(|(dt, _)| *dt > -1.0 && *dt <= lengths.step_s) else {
             (self.begin, self.last) = (Some((at, quantity)), Some((at, rate)));
             self.integral = [0.0; 2];
             return None;
@@ -91,7 +77,7 @@ impl<P: Copy> Agreement<P> {
             *sum += 0.5 * (a + b) * dt;
         }
         let (begun, from) = self.begin?;
-        if (at - begun).secs() < self.lengths.interval_s {
+        if (at - begun).secs() < lengths.interval_s {
             return None;
         }
         self.begin = Some((at, quantity));
@@ -100,14 +86,14 @@ impl<P: Copy> Agreement<P> {
         self.intervals += 1;
         self.disagreeing += u32::from(disagrees);
         self.squares += off * off;
-        if self.intervals < self.lengths.window {
+        if self.intervals < lengths.window {
             return None;
         }
         let n = f64::from(self.intervals);
-        let rms = (self.squares / n).sqrt() / self.lengths.interval_s;
+        let rms = (self.squares / n).sqrt() / lengths.interval_s;
         let doubt = (f64::from(self.disagreeing) > MAX_DISAGREEING * n).then_some(Doubt::Disagreement(rms));
         (self.intervals, self.disagreeing, self.squares) = (0, 0, 0.0);
         let since = self.since.take();
-        since.filter(|_| self.verdict.judge(at, doubt))
+        since.filter(|_| verdict.judge(at, doubt))
     }
 }

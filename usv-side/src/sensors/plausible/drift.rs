@@ -1,6 +1,7 @@
 //! Angle between a heading and the course over ground. A mirrored or reversed compass keeps it large, as do a boat that
 //! goes astern and one that drifts, so it is reported and nothing is removed.
 
+use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{GnssFix, HeadingFix};
 use alight_shared::time::{Time, VesselClock};
 
@@ -15,6 +16,12 @@ const MEAN_S: f64 = 60.0;
 const MIN_STEADY: f64 = 0.9;
 const MIN_ANGLE_RAD: f64 = 1.05;
 
+/// Number of different courses that are compared with the heading, fraction of them that shows a copy, and maximum
+/// difference of a copy, rad: half a step of a tenth of a degree.
+const COMPARED: u32 = 20;
+const COPIED: f64 = 0.9;
+const COPY_RAD: f64 = 1e-3;
+
 /// Steady angle from the course to the heading, rad, and the speed, m/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Drift {
@@ -28,17 +35,50 @@ pub(super) struct DriftAngle {
     course: Option<(Time<VesselClock>, f64, f64)>,
     /// Times of the first and the newest angle, and the mean unit vector.
     mean: Option<(Time<VesselClock>, Time<VesselClock>, [f64; 2])>,
+    /// Newest heading, rad.
+    heading: Option<(Time<VesselClock>, f64)>,
+    /// Start of the comparison with the course, numbers of courses and of equal ones.
+    compared: Option<(Time<VesselClock>, u32, u32)>,
+    is_copy: Option<Time<VesselClock>>,
 }
 
 impl DriftAngle {
     pub(super) fn fix(&mut self, fix: &GnssFix) {
         let [north, east, _] = fix.velocity;
         if has_velocity(fix) {
-            self.course = Some((fix.header.at, east.atan2(north), north.hypot(east)));
+            let course = (fix.header.at, east.atan2(north), north.hypot(east));
+            let before = self.course.replace(course);
+            if let (Some((_, before, _)), Some((at, heading))) = (before, self.heading)
+                && before != course.1
+                && (fix.header.at - at).abs().secs() <= MAX_AGE_S
+            {
+                // A heading precedes or follows the course of its epoch.
+                let is_equal = |course: f64| wrap_angle(heading - course).abs() <= COPY_RAD;
+                self.compare(at, is_equal(before) || is_equal(course.1));
+            }
         }
+    }
+    fn compare(&mut self, at: Time<VesselClock>, is_equal: bool) {
+        let (since, all, equal) = self.compared.unwrap_or((at, 0, 0));
+        let (all, equal) = (all + 1, equal + u32::from(is_equal));
+        self.compared = Some((since, all, equal));
+        if all >= COMPARED {
+            let is_copy = f64::from(equal) >= COPIED * f64::from(all);
+            self.is_copy = if is_copy {
+                self.is_copy.or(Some(since))
+            } else {
+                None
+            };
+            self.compared = None;
+        }
+    }
+    /// Time since which the heading repeats the course.
+    pub(super) fn is_copy(&self) -> Option<Time<VesselClock>> {
+        self.is_copy
     }
     pub(super) fn heading(&mut self, fix: &HeadingFix) {
         let at = fix.header.at;
+        self.heading = Some((at, fix.heading));
         let is_fresh = |then: Time<VesselClock>| (at - then).abs().secs() <= MAX_AGE_S;
         let course = self.course.filter(|(then, ..)| is_fresh(*then));
         let before = self.mean.take();
@@ -53,6 +93,10 @@ impl DriftAngle {
             }
             None => Some((at, at, [cos, sin])),
         };
+    }
+    /// Whether the boat moves, so that the course tells about the heading.
+    pub(super) fn has_course(&self) -> bool {
+        self.mean.is_some()
     }
     pub(super) fn found(&self) -> Option<Drift> {
         let ((_, _, speed_mps), (begun, newest, [x, y])) = self.course.zip(self.mean)?;

@@ -33,50 +33,25 @@ const DRIFT_SPREADS: f64 = 4.0;
 const MEAN_SPREADS: f64 = 2.0;
 const STATED: f64 = 4.0;
 
-/// Sums of time (s), heave (m) and their products.
+/// Sums of 1, time (s), heave (m), and the products of time and time, time and heave, heave and heave.
 #[derive(Clone, Copy, Debug, Default)]
-struct Sums {
-    n: f64,
-    t: f64,
-    h: f64,
-    tt: f64,
-    th: f64,
-    hh: f64,
-}
+struct Sums([f64; 6]);
 
 impl Sums {
-    fn of(t: f64, h: f64) -> Sums {
-        Sums {
-            n: 1.0,
-            t,
-            h,
-            tt: t * t,
-            th: t * h,
-            hh: h * h,
-        }
+    fn new(t: f64, h: f64) -> Sums {
+        Sums([1.0, t, h, t * t, t * h, h * h])
     }
     fn and(self, o: Sums) -> Sums {
-        Sums {
-            n: self.n + o.n,
-            t: self.t + o.t,
-            h: self.h + o.h,
-            tt: self.tt + o.tt,
-            th: self.th + o.th,
-            hh: self.hh + o.hh,
-        }
+        Sums(core::array::from_fn(|k| self.0[k] + o.0[k]))
     }
     /// Mean heave (m), its slope (m/s), standard deviation about it (m), and length of the window (s).
     fn regression(&self) -> Option<[f64; 4]> {
-        if self.n < MIN_VALUES {
+        let n = self.0[0];
+        if n < MIN_VALUES {
             return None;
         }
-        let mean = |sum: f64| sum / self.n;
-        let (t, h) = (mean(self.t), mean(self.h));
-        let (tt, th, hh) = (
-            mean(self.tt) - t * t,
-            mean(self.th) - t * h,
-            mean(self.hh) - h * h,
-        );
+        let [_, t, h, tt, th, hh] = self.0.map(|sum| sum / n);
+        let (tt, th, hh) = (tt - t * t, th - t * h, hh - h * h);
         // The variance of uniformly spread times is a twelfth of the squared length.
         (tt > 0.0).then(|| {
             let slope = th / tt;
@@ -87,7 +62,6 @@ impl Sums {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Heave {
-    pub(super) verdict: ChannelState,
     last: Option<(Time<VesselClock>, f64)>,
     /// Start of the first block, and time of the newest value.
     window: Option<(Time<VesselClock>, Time<VesselClock>)>,
@@ -99,19 +73,25 @@ pub(super) struct Heave {
 
 impl Heave {
     /// Adds a heave and its stated standard deviation, m.
-    pub(super) fn take(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> Taken {
+    pub(super) fn take(
+        &mut self,
+        verdict: &mut ChannelState,
+        at: Time<VesselClock>,
+        heave: f64,
+        sd: f64,
+    ) -> Taken {
         let oldest = at - Span::from_secs(WINDOW_S + BLOCK_S);
         let since = self.window.map_or(at, |(begin, _)| begin.max(oldest));
         let doubt = self.doubt(at, heave);
         let loses = match doubt {
-            Some(doubt) => self.verdict.reject(at, doubt),
-            None => self.add(at, heave, sd),
+            Some(doubt) => verdict.reject(at, doubt),
+            None => self.add(verdict, at, heave, sd),
         };
-        if loses || (doubt.is_some() && self.verdict.is_out()) {
+        if loses || (doubt.is_some() && verdict.is_out()) {
             self.clear();
         }
         Taken {
-            believed: doubt.is_none() && !self.verdict.is_out(),
+            believed: doubt.is_none() && !verdict.is_out(),
             since: loses.then_some(since),
         }
     }
@@ -128,7 +108,7 @@ impl Heave {
         (change.abs() > most).then_some(Doubt::Jump(change))
     }
     /// Adds a possible value. Returns true if the channel is rejected from now on.
-    fn add(&mut self, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
+    fn add(&mut self, verdict: &mut ChannelState, at: Time<VesselClock>, heave: f64, sd: f64) -> bool {
         let begin = match self.window {
             Some((begin, newest)) if (at - newest).secs() > -1.0 && (at - newest).secs() <= MAX_GAP_S => {
                 if at <= newest {
@@ -143,18 +123,18 @@ impl Heave {
         };
         self.window = Some((begin, at));
         let t = (at - begin).secs();
-        let loses = t >= BLOCK_S * (self.blocks + 1) as f64 && self.close(at, sd);
-        self.block = self.block.and(Sums::of(t, heave));
+        let loses = t >= BLOCK_S * (self.blocks + 1) as f64 && self.close(verdict, at, sd);
+        self.block = self.block.and(Sums::new(t, heave));
         loses
     }
     /// Ends a block and tests the window.
-    fn close(&mut self, at: Time<VesselClock>, sd: f64) -> bool {
+    fn close(&mut self, verdict: &mut ChannelState, at: Time<VesselClock>, sd: f64) -> bool {
         let block = core::mem::take(&mut self.block);
         if let Some(slot) = self.ring.get_mut(self.blocks % BLOCKS) {
             *slot = block;
         }
         self.blocks += 1;
-        let needed = if self.verdict.is_out() { BLOCKS } else { MIN_BLOCKS };
+        let needed = if verdict.is_out() { BLOCKS } else { MIN_BLOCKS };
         if self.blocks < needed {
             return false;
         }
@@ -169,11 +149,10 @@ impl Heave {
         } else {
             None
         };
-        self.verdict.judge(at, doubt)
+        verdict.judge(at, doubt)
     }
     fn clear(&mut self) {
         *self = Heave {
-            verdict: self.verdict,
             last: self.last,
             ..Heave::default()
         };

@@ -8,6 +8,12 @@ use crate::sensors::Measurement;
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Part {
+    Force,
+    /// Roll and pitch. The whole attitude is removed with them.
+    Tilt,
+    Heading,
+    /// Latitude and longitude of a fix.
+    Place,
     /// Heave of an attitude.
     Heave,
     /// Angular rates of an attitude, compared with its roll and pitch.
@@ -20,13 +26,19 @@ pub(super) enum Part {
     Velocity,
     /// Height of a fix.
     Height,
-    /// Latitude and longitude of a fix.
-    Place,
-    /// Roll and pitch. The whole attitude is removed with them.
-    Tilt,
-    Heading,
-    Force,
 }
+pub(super) const PARTS: [Part; 10] = [
+    Part::Force,
+    Part::Tilt,
+    Part::Heading,
+    Part::Place,
+    Part::Heave,
+    Part::Rates,
+    Part::YawRate,
+    Part::RateOfTurn,
+    Part::Velocity,
+    Part::Height,
+];
 
 /// Texts about a part: name, unit, unit in SI, compared quantity, remaining channels, remedy.
 pub(super) struct Texts {

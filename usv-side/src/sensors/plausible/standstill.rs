@@ -15,7 +15,7 @@ use alight_shared::time::{Time, VesselClock};
 
 use super::antenna::{Antenna, Inverted};
 use super::drift::{Drift, DriftAngle};
-use super::{has_height, has_place, has_velocity};
+use super::{RATE_ERROR_RADPS, has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
 /// Channels that may stand still: roll and pitch together, or one of them while the other moves.
@@ -65,10 +65,12 @@ const FORGETTING: f64 = 1.005;
 /// Minimum distance travelled according to the fix's velocity over which an unchanged position stands still,
 /// m; its resolution is a thousandth of a minute or better.
 const WAY_M: f64 = 10.0;
+/// Minimum turn according to the rate over which an unchanged heading stands still, rad (20 deg), beyond the rate's error.
+const TURN_RAD: f64 = 0.35;
 
 /// Witnesses: name, and minimum peak-to-peak swing above noise, SI. Rates are integrated first, because their
 /// own reversals are noise.
-const WITNESSES: [(&str, f64); 7] = [
+const WITNESSES: [(&str, f64); 8] = [
     ("roll", 0.005),
     ("pitch", 0.005),
     ("heading", 0.0175),
@@ -76,10 +78,13 @@ const WITNESSES: [(&str, f64); 7] = [
     ("height", 0.15),
     ("roll rate", 0.005),
     ("pitch rate", 0.005),
+    ("rate of turn", 0.0175),
 ];
-/// Integration time of a rate, and maximum time between two of its values, s.
+/// Index of the first rate in [`WITNESSES`].
+const RATES: usize = 5;
+/// Integration time of a rate, and maximum time between two of its values about the three axes, s.
 const RATE_S: f64 = 3.0;
-const MAX_STEP_S: f64 = 0.35;
+const MAX_STEP_S: [f64; 3] = [0.35, 0.35, 1.0];
 /// Additional minimum swing of a height, in its standard deviations.
 const HEIGHT_SDS: f64 = 6.0;
 /// Maximum duration of a swing or a gap in it, s: longer motion is not a wave.
@@ -116,20 +121,18 @@ pub(crate) struct Contradicted {
     pub(super) inverted: Option<Inverted>,
     pub(super) heave_per_height: Option<f64>,
     pub(super) drift: Option<Drift>,
+    /// Time since which the heading repeats the course.
+    pub(super) is_course: Option<Time<VesselClock>>,
 }
 
 impl Contradicted {
     pub(super) fn still(&self, channel: Channel) -> Option<Standstill> {
-        let axis = match channel {
-            Channel::Roll => " of roll",
-            Channel::Pitch => " of pitch",
-            Channel::Tilt
-            | Channel::Heading
-            | Channel::Heave
-            | Channel::Height
-            | Channel::Place
-            | Channel::Rates
-            | Channel::RateOfTurn => "",
+        let axis = if channel == Channel::Roll {
+            " of roll"
+        } else if channel == Channel::Pitch {
+            " of pitch"
+        } else {
+            ""
         };
         let still = self.still.get(channel as usize).copied().flatten();
         still.map(|still| Standstill { axis, ..still })
@@ -159,7 +162,8 @@ struct Repetition {
     /// Smallest recent change; None before the first change.
     step: Option<f64>,
     swings: u32,
-    way_m: f64,
+    /// Integral of the channel's rate, m or rad.
+    way: f64,
     by: &'static str,
     is_named: bool,
 }
@@ -173,16 +177,16 @@ impl Repetition {
             count: 1,
             step,
             swings: 0,
-            way_m: 0.0,
+            way: 0.0,
             by: "",
             is_named: false,
         }
     }
-    fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64, same: f64) {
+    fn take(&mut self, at: Time<VesselClock>, numbers: [f64; 4], rate: f64, same: f64) {
         let changes = self.numbers.iter().zip(numbers).map(|(a, b)| (a - b).abs());
         let change = changes.fold(0.0, f64::max);
         if change <= same && at >= self.newest {
-            self.way_m += speed_mps * (at - self.newest).secs().min(1.0);
+            self.way += rate * (at - self.newest).secs().min(1.0);
             (self.newest, self.count) = (at, self.count.saturating_add(1));
             self.numbers = numbers;
             return;
@@ -203,9 +207,15 @@ impl Repetition {
             None => coarse,
         }
     }
-    fn still(&mut self) -> Option<Standstill> {
-        let by = match self.way_m >= WAY_M {
-            true => "velocity",
+    fn still(&mut self, channel: usize) -> Option<Standstill> {
+        let (least, rate) = if channel == Channel::Heading as usize {
+            let error = RATE_ERROR_RADPS * (self.newest - self.since).secs();
+            (TURN_RAD + error, "rate of turn")
+        } else {
+            (WAY_M, "velocity")
+        };
+        let by = match self.way.abs() >= least {
+            true => rate,
             false if self.swings >= STILL_SWINGS => self.by,
             false => return None,
         };
@@ -289,6 +299,8 @@ impl Swing {
         };
         let [tilt, vertical, yaw] = match witness {
             2 => [TILT_OF_YAW * a, 0.0, OF_TILT * a],
+            // A compass may be coarse although its number has decimals.
+            7 => [0.0, 0.0, if a > CLEARLY * DEGREE { a } else { 0.0 }],
             3 | 4 if slope > MAX_SLOPE => [0.0; 3],
             3 | 4 => [OF_SLOPE * slope, a, YAW_OF_TILT * OF_SLOPE * slope],
             _ => [OF_TILT * a, heave, YAW_OF_TILT * a],
@@ -311,9 +323,9 @@ struct Sensor {
     turns: [Turns; WITNESSES.len()],
     /// Heading without wrapping, rad.
     course: Option<f64>,
-    /// Integrals of the roll and pitch rates, rad, and the newest time.
-    integrals: [f64; 2],
-    rated: Option<Time<VesselClock>>,
+    /// Newest time and integral of the rates about the three axes, rad, and newest yaw rate, rad/s.
+    integrals: [(Option<Time<VesselClock>>, f64); 3],
+    yaw_rate: f64,
     /// Antenna's motion compared with the attitudes of this sensor.
     antenna: Antenna,
     /// Heading of this sensor compared with the course.
@@ -326,6 +338,14 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
+    /// Sensor with the only heading, if nothing else tells how the boat lies or turns.
+    pub(crate) fn unwitnessed(&self) -> Option<usize> {
+        let has_heading = |s: &Sensor| matches!(s.channels.get(Channel::Heading as usize), Some(Some(_)));
+        let is_witness = |s: &Sensor| s.drift.has_course() || matches!(s.integrals, [.., (Some(_), _)]);
+        let first = self.sensors.iter().position(has_heading)?;
+        let is_single = self.sensors.iter().filter(|s| has_heading(s)).count() == 1;
+        (is_single && !self.sensors.iter().any(is_witness)).then_some(first)
+    }
     /// Adds a measurement of this sensor. Returns its contradictions with the others.
     pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Contradicted {
         let k = usize::from(number);
@@ -380,12 +400,14 @@ impl Movement {
             inverted: own.and_then(|s| s.antenna.inverted()),
             heave_per_height: own.and_then(|s| s.antenna.heave_per_height()),
             drift: own.and_then(|s| s.drift.found()),
+            is_course: own.and_then(|s| s.drift.is_copy()),
             ..Contradicted::default()
         };
         let channels = self.sensors.get_mut(k).map(|s| s.channels.iter_mut());
-        for (to, channel) in contradicted.still.iter_mut().zip(channels.into_iter().flatten()) {
+        let each = contradicted.still.iter_mut().zip(channels.into_iter().flatten());
+        for (k, (to, channel)) in each.enumerate() {
             let own = channel.as_mut().filter(|c| c.newest == m.at());
-            *to = own.and_then(Repetition::still);
+            *to = own.and_then(|c| c.still(k));
         }
         contradicted.repeat_fix(m.at(), self.sensors.get_mut(k));
         contradicted
@@ -400,50 +422,42 @@ impl Sensor {
         of.and_then(|c| self.channels.get(*c as usize)?.as_ref()?.step)
             .unwrap_or_default()
     }
-    fn channel(&mut self, channel: Channel, at: Time<VesselClock>, numbers: [f64; 4], speed_mps: f64) {
-        let same = match channel {
-            Channel::Height => SAME_HEIGHT_M,
-            Channel::Tilt
-            | Channel::Roll
-            | Channel::Pitch
-            | Channel::Heading
-            | Channel::Heave
-            | Channel::Place
-            | Channel::Rates
-            | Channel::RateOfTurn => SAME,
+    fn channel(&mut self, channel: Channel, at: Time<VesselClock>, numbers: [f64; 4], rate: f64) {
+        let same = if channel == Channel::Height {
+            SAME_HEIGHT_M
+        } else {
+            SAME
         };
         if let Some(slot) = self.channels.get_mut(channel as usize) {
             match slot {
-                Some(known) => known.take(at, numbers, speed_mps, same),
+                Some(known) => known.take(at, numbers, rate, same),
                 None => *slot = Some(Repetition::new(at, numbers, None)),
             }
         }
     }
-    /// Integral of the rates over the newest seconds, rad.
-    fn integrate(&mut self, at: Time<VesselClock>, rates: [f64; 2]) -> [f64; 2] {
-        let dt = self.rated.replace(at).map_or(0.0, |then| (at - then).secs());
-        if !(0.0..MAX_STEP_S).contains(&dt) {
-            self.integrals = [0.0; 2];
-            self.turns
-                .iter_mut()
-                .skip(5)
-                .for_each(|turns| *turns = Turns::default());
-            return self.integrals;
+    /// Integral of the rate about an axis over the newest seconds, rad, with its witness.
+    fn integrate(&mut self, axis: usize, at: Time<VesselClock>, rate: f64) -> Option<(usize, f64)> {
+        let witness = RATES + axis;
+        let (newest, integral) = self.integrals.get_mut(axis)?;
+        let dt = newest.replace(at).map_or(0.0, |then| (at - then).secs());
+        let is_next = (0.0..*MAX_STEP_S.get(axis)?).contains(&dt);
+        let next = (1.0 - dt / RATE_S) * (*integral + rate * dt);
+        *integral = if is_next && next.is_finite() { next } else { 0.0 };
+        if !is_next {
+            *self.turns.get_mut(witness)? = Turns::default();
         }
-        let kept = 1.0 - dt / RATE_S;
-        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
-        self.integrals = core::array::from_fn(|k| finite(kept * (self.integrals[k] + rates[k] * dt)));
-        self.integrals
+        Some((witness, *integral))
     }
     /// Adds a measurement. Returns the completed swings by witness.
-    fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 5] {
+    fn take(&mut self, m: &Measurement) -> [Option<(usize, Swing)>; 6] {
         let at = m.at();
-        let mut found = [None; 5];
+        let mut found = [None; 6];
         match m {
             Measurement::Imu(m) => {
-                let [p, q, _] = m.gyro;
-                let [roll, pitch] = self.integrate(at, [p, q]);
-                (found[0], found[1]) = (Some((5, roll)), Some((6, pitch)));
+                self.yaw_rate = m.gyro[2];
+                for (axis, rate) in m.gyro.into_iter().enumerate() {
+                    found[axis] = self.integrate(axis, at, rate);
+                }
             }
             Measurement::Attitude(m) => {
                 let [roll, pitch] = m.tilt;
@@ -457,12 +471,19 @@ impl Sensor {
                 }
                 if let Some([p, q, r]) = m.rates {
                     self.channel(Channel::Rates, at, [p, q, r, 0.0], 0.0);
-                    let [roll, pitch] = self.integrate(at, [p, q]);
-                    (found[3], found[4]) = (Some((5, roll)), Some((6, pitch)));
+                    self.yaw_rate = r;
+                    for (axis, rate) in [p, q, r].into_iter().enumerate() {
+                        found[3 + axis] = self.integrate(axis, at, rate);
+                    }
                 }
             }
             Measurement::Heading(m) => {
-                self.channel(Channel::Heading, at, [m.heading, 0.0, 0.0, 0.0], 0.0);
+                if let Some(rate) = m.rate {
+                    self.yaw_rate = rate;
+                    found[1] = self.integrate(2, at, rate);
+                }
+                let turn = core::mem::take(&mut self.yaw_rate);
+                self.channel(Channel::Heading, at, [m.heading, 0.0, 0.0, 0.0], turn);
                 let last = self.course.unwrap_or(m.heading);
                 let course = last + wrap_angle(m.heading - last);
                 (self.course, found[0]) = (Some(course).filter(|c| c.is_finite()), Some((2, course)));

@@ -31,16 +31,22 @@ fn series<M: Into<Measurement>>(seconds: u32, of: impl Fn(f64) -> M) -> Vec<Meas
     at.map(|t| of(t).into()).collect()
 }
 fn attitudes(all: &[Measurement]) -> Vec<AttitudeFix> {
-    let attitude = |m: &Measurement| match m {
-        Measurement::Attitude(a) => Some(*a),
-        Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
+    let attitude = |m: &Measurement| {
+        if let Measurement::Attitude(a) = m {
+            Some(*a)
+        } else {
+            None
+        }
     };
     all.iter().filter_map(attitude).collect()
 }
 fn fixes(all: &[Measurement]) -> Vec<GnssFix> {
-    let fix = |m: &Measurement| match m {
-        Measurement::Gnss(g) => Some(*g),
-        Measurement::Imu(_) | Measurement::Attitude(_) | Measurement::Heading(_) => None,
+    let fix = |m: &Measurement| {
+        if let Measurement::Gnss(g) = m {
+            Some(*g)
+        } else {
+            None
+        }
     };
     all.iter().filter_map(fix).collect()
 }
@@ -262,6 +268,35 @@ fn velocity_that_is_not_that_of_the_position() {
         assert_eq!((placed, moving), (1200, 0), "{velocity:?}");
         assert!(remarks[0].text.starts_with("velocity differs by"), "{remarks:?}");
     }
+}
+
+#[test]
+fn heading_that_repeats_the_course() {
+    let boat = |leeway: fn(f64) -> f64| {
+        let of = move |k: u32| {
+            let t = 0.5 * f64::from(k);
+            let course = 0.02 * (0.7 * t).sin() + 0.01 * (1.9 * t).sin();
+            let heading = HeadingFix {
+                header: header(t),
+                heading: course + leeway(t),
+                heading_sd: 0.01,
+                ..HeadingFix::default()
+            };
+            let velocity = [3.0 * course.cos(), 3.0 * course.sin(), 0.0];
+            [sailing(t, velocity, 2.0).into(), heading.into()]
+        };
+        (0..200).flat_map(of).collect::<Vec<Measurement>>()
+    };
+    is_inert(&boat(|t| 0.03 * (0.5 * t).cos()), "a compass");
+    let (kept, remarks) = sift(boat(|_| 0.0));
+    assert_eq!(kept.len(), 200);
+    assert!(
+        remarks.len() == 1
+            && remarks[0]
+                .text
+                .starts_with("heading repeats the course over ground"),
+        "{remarks:?}"
+    );
 }
 
 #[test]

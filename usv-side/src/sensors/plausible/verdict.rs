@@ -25,6 +25,8 @@ pub(super) enum Doubt {
     Disagreement(f64),
     /// Repetition of one number until this time, while another channel moved.
     Standstill(Standstill, Time<VesselClock>),
+    /// Repetition of another quantity.
+    Copy,
     /// Angle between gravity and down.
     Axes(f64),
     /// The antenna moves against this sign of roll or pitch.
@@ -81,6 +83,13 @@ impl ChannelState {
             None => self.out &= is_recent(self.newest, at),
         }
         self.out && !was_out
+    }
+    /// Adds a value with the reason why it is impossible, if any. Returns true if the channel is rejected from now on.
+    pub(super) fn take(&mut self, at: Time<VesselClock>, doubt: Option<Doubt>) -> bool {
+        match doubt {
+            Some(doubt) => self.reject(at, doubt),
+            None => self.judge(at, None),
+        }
     }
     /// Whether a value was impossible within the last seconds.
     pub(super) fn was_impossible(&self, at: Time<VesselClock>, within_s: f64) -> bool {

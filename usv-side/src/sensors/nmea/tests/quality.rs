@@ -23,6 +23,19 @@ fn nmea_fix_that_is_none() {
 }
 
 #[test]
+fn nmea_height_of_a_two_dimensional_fix() {
+    let gga = format!("GPGGA,T,{PLACE},1,4,0.8,3.0,M,45.0,M,,");
+    for (mode, heights) in [("2", 0), ("3", 10)] {
+        let (all, d) = epochs(&[&gga, &format!("GPGSA,A,{mode},1,2,3,4,,,,,,,,,2.5,1.5,2.0")]);
+        let has_height = |fix: &&GnssFix| fix.position_sd[2] < NOT_MEASURED_SD;
+        let fixes = fixes(&all);
+        assert!(fixes.len() >= 9 && fixes.iter().filter(has_height).count() == heights.min(fixes.len()));
+        let is_said = d.remarks().iter().any(|r| r.text.contains("two-dimensional"));
+        assert_eq!(is_said, heights == 0);
+    }
+}
+
+#[test]
 fn nmea_modes_of_each_sentence() {
     let zda = "GPZDA,T,01,01,2026,00,00";
     for (body, kind, number, why) in [

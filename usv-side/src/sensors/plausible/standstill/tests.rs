@@ -118,21 +118,37 @@ fn each_channel_that_stands_still_among_moving_ones() {
 }
 
 #[test]
-fn zeros_of_an_instrument_that_was_never_configured() {
-    let mut boat = Movement::default();
-    let mut found = Vec::new();
-    for k in 0..300 {
-        let t = 0.1 * f64::from(k);
-        let [attitude, ..] = Boat::RTK.at(t);
-        let heading = HeadingFix {
-            header: header(t),
-            ..HeadingFix::default()
-        };
-        boat.take(0, &attitude);
-        let still = boat.take(1, &heading.into()).still(Channel::Heading);
-        found.extend(still.filter(|s| s.is_new).map(|s| (t, s.value)));
+fn placeholders_of_an_instrument_that_was_never_configured() {
+    // Zero in waves; 90 deg while the rate of turn swings, turns the boat, or is only biased.
+    type Rate = fn(f64) -> f64;
+    let cases: [(f64, f64, Option<Rate>, &[&str]); 4] = [
+        (0.0, 0.4, None, &["roll"]),
+        (90.0, 0.0, Some(|t| 0.08 * (1.2 * t).cos()), &["rate of turn"]),
+        (90.0, 0.0, Some(|_| 0.05), &["rate of turn"]),
+        (90.0, 0.0, Some(|_| -0.015), &[]),
+    ];
+    for (shown_deg, amplitude_m, rate, by) in cases {
+        let mut boat = Movement::default();
+        let mut found = Vec::new();
+        for k in 0..300 {
+            let t = 0.1 * f64::from(k);
+            let [attitude, ..] = Boat {
+                amplitude_m,
+                ..Boat::RTK
+            }
+            .at(t);
+            let heading = HeadingFix {
+                header: header(t),
+                heading: f64::to_radians(shown_deg),
+                rate: rate.map(|rate| rate(t)),
+                ..HeadingFix::default()
+            };
+            boat.take(0, &attitude);
+            let still = boat.take(1, &heading.into()).still(Channel::Heading);
+            found.extend(still.filter(|s| s.is_new).map(|s| s.by));
+        }
+        assert_eq!(found, by, "{shown_deg}");
     }
-    assert!(matches!(found[..], [(t, v)] if t < 14.0 && v == 0.0), "{found:?}");
 }
 
 #[test]
