@@ -10,6 +10,26 @@ pub(crate) fn sentence(body: &str) -> String {
     format!("${body}*{sum:02X}\r\n")
 }
 
+/// UBX message with its checksum (Fletcher's, over class to payload).
+pub(crate) fn ubx(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
+    let body = [&[class, id][..], &(payload.len() as u16).to_le_bytes(), payload].concat();
+    let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
+        let a = a.wrapping_add(*x);
+        (a, b.wrapping_add(a))
+    });
+    [&[0xb5, 0x62][..], &body, &[a, b]].concat()
+}
+
+/// NAV-PVT of a fix at 50 N 14.5 E, number `k` at 5 Hz.
+pub(crate) fn nav_pvt(k: u32) -> Vec<u8> {
+    let mut payload = [0_u8; 92];
+    payload[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
+    (payload[20], payload[21]) = (3, 1);
+    payload[24..28].copy_from_slice(&145_000_000_i32.to_le_bytes());
+    payload[28..32].copy_from_slice(&500_000_000_i32.to_le_bytes());
+    ubx(1, 7, &payload)
+}
+
 /// RTCM 3 frame with this message number and payload length, bytes. Message 4072 gets subtype 0.
 pub(crate) fn rtcm_frame(message: u16, payload: usize) -> Vec<u8> {
     let mut content = vec![(message >> 4) as u8, (message << 4) as u8, 0];

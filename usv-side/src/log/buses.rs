@@ -295,20 +295,7 @@ mod tests {
 
     #[test]
     fn ubx_recording_of_a_receiver() {
-        let mut bytes = Vec::new();
-        for k in 0..100_u32 {
-            let mut p = [0_u8; 92];
-            p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
-            (p[20], p[21]) = (3, 1);
-            p[24..28].copy_from_slice(&145_000_000_i32.to_le_bytes());
-            p[28..32].copy_from_slice(&500_000_000_i32.to_le_bytes());
-            let body = [&[1_u8, 7, 92, 0][..], &p].concat();
-            let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
-                let a = a.wrapping_add(*x);
-                (a, b.wrapping_add(a))
-            });
-            bytes.extend([&[0xb5_u8, 0x62][..], &body, &[a, b]].concat());
-        }
+        let bytes: Vec<u8> = (0..100).flat_map(crate::fixtures::nav_pvt).collect();
         let r = crate::log::read(&bytes, "boat.ubx", &Mount::default()).unwrap();
         assert_eq!(
             (r.format, r.decoded.good, r.measurements.len()),

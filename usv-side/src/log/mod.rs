@@ -10,27 +10,46 @@ use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
 use alight_shared::time::{Span, Time, VesselTime};
 use thiserror::Error;
 
-use crate::sensors::{Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
+use crate::sensors::{ACTISENSE, Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
 
 /// Supported formats, for errors.
 const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of Signal K (a line each), UBX, MAVLink, Alight's own CSV \
                        (a first line of columns with t_s) and Alight's own MCAP are read, and other recordings after conversion by \
                        `python -m alight.convert FILE`";
-/// Beginnings of captures of packets: pcap in both byte orders and resolutions, pcapng.
-const CAPTURES: [[u8; 4]; 5] = [
-    [0xd4, 0xc3, 0xb2, 0xa1],
-    [0xa1, 0xb2, 0xc3, 0xd4],
-    [0x4d, 0x3c, 0xb2, 0xa1],
-    [0xa1, 0xb2, 0x3c, 0x4d],
-    [0x0a, 0x0d, 0x0d, 0x0a],
+/// Signatures of recordings that are not read, and what to do: captures of packets (pcap in both byte orders and
+/// resolutions, pcapng), recordings that are converted first, and other loggers of NMEA 2000.
+const FOREIGN: [(&[u8], &str); 11] = [
+    (&[0xd4, 0xc3, 0xb2, 0xa1], CAPTURE),
+    (&[0xa1, 0xb2, 0xc3, 0xd4], CAPTURE),
+    (&[0x4d, 0x3c, 0xb2, 0xa1], CAPTURE),
+    (&[0xa1, 0xb2, 0x3c, 0x4d], CAPTURE),
+    (&[0x0a, 0x0d, 0x0d, 0x0a], CAPTURE),
+    (
+        b"ULog\x01\x12\x35",
+        "a ULog of PX4: `python -m alight.convert FILE` converts it",
+    ),
+    (
+        b"\xa3\x95\x80",
+        "a DataFlash log of ArduPilot: `python -m alight.convert FILE` converts it",
+    ),
+    (
+        b"#ROSBAG V",
+        "a bag of ROS 1: `python -m alight.convert FILE` converts it",
+    ),
+    (
+        b"SQLite format 3\0",
+        "a bag of ROS 2: `python -m alight.convert FILE` converts it",
+    ),
+    (
+        &ACTISENSE,
+        "binary frames of an Actisense gateway (NMEA 2000): record RAW or N2K ASCII, or convert them by canboat's actisense-serial -r",
+    ),
+    (
+        b";$FILEVERSION=",
+        "a trace of PCAN-View: record by candump -L, or convert it to that format",
+    ),
 ];
-/// Signatures and formats of recordings that must be converted first.
-const FOREIGN: [(&[u8], &str); 4] = [
-    (b"ULog\x01\x12\x35", "a ULog of PX4"),
-    (b"\xa3\x95\x80", "a DataFlash log of ArduPilot"),
-    (b"#ROSBAG V", "a bag of ROS 1"),
-    (b"SQLite format 3\0", "a bag of ROS 2"),
-];
+const CAPTURE: &str = "a packet capture: extract the payload into a file (tshark, tcpflow)";
 /// Start of VectorNav's sentence with the solution.
 const VNINS: &[u8] = b"$VNINS,";
 /// Start of a UBX message.
@@ -224,15 +243,9 @@ fn read_format(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecord
     if let Some(message) = table::packed(bytes) {
         return Err(kind(&message));
     }
-    if CAPTURES.iter().any(|begin| bytes.starts_with(begin)) {
-        return Err(kind(
-            "the file is a packet capture: extract the payload into a file (tshark, tcpflow)",
-        ));
-    }
     let head = bytes.get(..bytes.len().min(HEAD_BYTES)).unwrap_or_default();
-    if let Some((_, name)) = FOREIGN.iter().find(|(begin, _)| bytes.starts_with(begin)) {
-        let message = format!("the file is {name}: {}", table::CONVERT);
-        return Err(LogError::new(origin, message));
+    if let Some((_, what)) = FOREIGN.iter().find(|(begin, _)| bytes.starts_with(begin)) {
+        return Err(LogError::new(origin, format!("the file is {what}")));
     }
     if let Some(format) = buses::format(&buses::LINES, head) {
         return buses::read(format, bytes, origin, mount);
@@ -291,7 +304,7 @@ fn has_json(head: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{damage, damaged, sentence};
+    use crate::fixtures::{damage, damaged, nav_pvt, sentence};
     use crate::sensors::HeaveSign;
     use proptest::prelude::*;
 
@@ -378,16 +391,7 @@ mod tests {
         // A port with both, as recorded by u-center: a TXT sentence, NAV-PVT at 5 Hz, TXT each second.
         let mut bytes = sentence("GNTXT,01,01,02,u-blox AG").into_bytes();
         for k in 0..100_u32 {
-            let mut p = [0_u8; 92];
-            p[..4].copy_from_slice(&(1000 + 200 * k).to_le_bytes());
-            (p[20], p[21]) = (3, 1);
-            // Longitude and latitude.
-            (p[27], p[31]) = (1, 1);
-            let body = [&[1_u8, 7, 92, 0][..], &p].concat();
-            let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
-                (a.wrapping_add(*x), b.wrapping_add(a.wrapping_add(*x)))
-            });
-            bytes.extend([&[0xb5_u8, 0x62][..], &body, &[a, b]].concat());
+            bytes.extend(nav_pvt(k));
             if k % 5 == 0 {
                 bytes.extend(sentence("GNTXT,01,01,02,ANTSTATUS=OK").bytes());
             }

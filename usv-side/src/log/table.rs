@@ -9,6 +9,8 @@ use thiserror::Error;
 /// Conversion command for other programs' recordings, for errors.
 pub(super) const CONVERT: &str = "`python -m alight.convert FILE` converts it";
 const TIME: &str = "t_s";
+/// Beginning of a line before the header that is passed over.
+const COMMENT: &str = "#";
 const MAX_TIME_S: f64 = 1e10;
 const MAX_ROWS: usize = 2_000_000;
 /// Maximum fraction of rows with the time of the previous row; above it, the times are too coarse.
@@ -171,11 +173,11 @@ pub(super) fn packed(bytes: &[u8]) -> Option<String> {
     Some(format!("the file is packed ({name}): first {tool}"))
 }
 
-/// First line with content, without the byte order mark.
-fn first_line(head: &[u8]) -> &[u8] {
+/// Lines with content, without the byte order mark.
+fn lines(head: &[u8]) -> impl Iterator<Item = &[u8]> {
     let head = head.strip_prefix(b"\xef\xbb\xbf").unwrap_or(head);
-    let mut lines = head.split(|b| matches!(b, b'\n' | b'\r'));
-    lines.find(|l| !l.trim_ascii().is_empty()).unwrap_or_default()
+    let lines = head.split(|b| matches!(b, b'\n' | b'\r'));
+    lines.filter(|l| !l.trim_ascii().is_empty())
 }
 
 pub fn is_table(head: &[u8]) -> bool {
@@ -184,12 +186,16 @@ pub fn is_table(head: &[u8]) -> bool {
         let bare = cell.strip_prefix(b"\"").and_then(|c| c.strip_suffix(b"\""));
         bare.unwrap_or(cell) == TIME.as_bytes()
     };
-    first_line(head).split(|b| *b == b',').any(is_time)
+    let first = lines(head).find(|l| !l.starts_with(COMMENT.as_bytes()));
+    first.is_some_and(|l| l.split(|b| *b == b',').any(is_time))
 }
 
 pub fn has_columns(head: &[u8]) -> bool {
     let is_text = |b: &u8| !b.is_ascii_control() || b.is_ascii_whitespace();
-    head.iter().all(is_text) && first_line(head).iter().any(|b| b",;\t|".contains(b))
+    head.iter().all(is_text)
+        && lines(head)
+            .next()
+            .is_some_and(|l| l.iter().any(|b| b",;\t|".contains(b)))
 }
 
 /// Line numbers of records by byte offset: the reader's own count stops at skipped empty lines.
@@ -308,6 +314,10 @@ impl CsvTable {
                 Err(e) => e.position().map_or(coming, Position::byte),
             };
             let line = lines.at(begin);
+            let is_comment = record.get(0).is_some_and(|cell| cell.starts_with(COMMENT));
+            if header.is_none() && is_comment {
+                continue;
+            }
             let Some((_, columns)) = &header else {
                 header = Some((line, self::columns(&record, line)?));
                 continue;

@@ -20,6 +20,7 @@ mod ubx;
 pub(crate) use config::euler;
 pub use config::{Format, HeaveSign, Mount, Mounting, SourceConfig, SourcesConfig};
 pub use mav::MavlinkDecoder;
+pub(crate) use n2k::ACTISENSE;
 pub use n2k::N2kDecoder;
 pub use nmea::NmeaDecoder;
 pub(crate) use nmea::account::ANGLES;

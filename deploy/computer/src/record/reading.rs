@@ -163,7 +163,8 @@ fn check_format(path: &Path, format: Option<&String>) -> Result<(), CliError> {
 
 fn foreign(origin: impl Display) -> CliError {
     CliError(format!(
-        "{origin}: neither a file of the flight recorder nor a recording (`alight trial --record FILE.mcap`)"
+        "{origin}: neither a file of the flight recorder nor a recording (`alight trial --record FILE.mcap`); `python -m \
+         alight.convert FILE` converts one of ROS 2"
     ))
 }
 

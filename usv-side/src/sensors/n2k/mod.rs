@@ -18,6 +18,9 @@ use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 
 /// Longest line, bytes: a message in canboat's plain format.
 const MAX_LINE: usize = 800;
+/// Start of a binary frame of Actisense's gateways: DLE, STX, message received from the bus.
+pub(crate) const ACTISENSE: [u8; 3] = [0x10, 0x02, 0x93];
+const BINARY: &str = "set the gateway to RAW or N2K ASCII, or put canboat's actisense-serial before it";
 /// Maximum number of incomplete multi-frame messages.
 const OPEN: usize = 8;
 
@@ -72,6 +75,8 @@ impl N2kDecoder {
         let Some(line) = parsed else {
             if text.trim_ascii_start().starts_with(b"{") {
                 self.account.leave_out("canboat-JSON", Why::Foreign(JSON));
+            } else if text.windows(ACTISENSE.len()).any(|w| w == ACTISENSE) {
+                self.account.leave_out("Actisense-binary", Why::Foreign(BINARY));
             }
             self.decoded.corrupted += 1;
             return;

@@ -1,17 +1,8 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged};
+use crate::fixtures::{self, damage, damaged, ubx as message};
 use crate::sensors::Mount;
 use proptest::prelude::*;
 
-/// A message with its checksum (Fletcher's, over class to payload).
-fn message(class: u8, id: u8, payload: &[u8]) -> Vec<u8> {
-    let body = [&[class, id][..], &(payload.len() as u16).to_le_bytes(), payload].concat();
-    let (a, b) = body.iter().fold((0_u8, 0_u8), |(a, b), x| {
-        let a = a.wrapping_add(*x);
-        (a, b.wrapping_add(a))
-    });
-    [&[0xb5, 0x62][..], &body, &[a, b]].concat()
-}
 fn put(payload: &mut [u8], at: usize, bytes: &[u8]) {
     payload[at..at + bytes.len()].copy_from_slice(bytes);
 }
