@@ -11,5 +11,5 @@ pub use aid_source::AidSource;
 pub use clock_offset::OffsetBounds;
 pub use kalman::{Gaussian, LinearTransition, Update, reduce_covariance, symmetrise};
 pub use low_pass::{low_pass, low_pass_gain};
-pub use source_clock::{CLOCK_DRIFT, HELD_UP_S, JITTER_S, Rollover, SourceClock};
+pub use source_clock::{CLOCK_DRIFT, JITTER_S, Rollover, SourceClock};
 pub use statistics::{ValueWithSd, median, moments, quantile};

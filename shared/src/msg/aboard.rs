@@ -202,6 +202,8 @@ pub struct SourceStatus {
     pub restarts: u64,
     /// Newest step of the source's clock, s, positive forward.
     pub step_s: f64,
+    /// Delay of all measurements beyond the usual one, s; zero if it is small.
+    pub delay_s: f64,
     /// Bytes lost because too many arrived at once.
     pub lost_bytes: u64,
     /// Time of the newest measurement on the vessel's clock, s.

@@ -1,6 +1,14 @@
 //! Ages of measurements at arrival, for reports: the estimator rejects old ones without stating a reason.
 
+use alight_shared::time::{Time, VesselClock};
+
 use super::Remark;
+
+/// Window in which the earliest measurement tells the delay of a line, s; smallest delay, s, and growth, s/s, that are
+/// reported.
+const WINDOW_S: f64 = 5.0;
+const DELAYED_S: f64 = 0.1;
+const GROWING: f64 = 1e-3;
 
 /// Number of late measurements among the newest 32 above which the cause is not a single delay.
 const OFTEN: u32 = 8;
@@ -56,6 +64,55 @@ impl AgeCounts {
         } else {
             Remark::fine(text)
         })
+    }
+}
+
+/// Delay of a source's line beyond its usual one: the smallest age of a window.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LineDelay {
+    /// Start of the window, and smallest age since then, s.
+    window: Option<(Time<VesselClock>, f64)>,
+    /// Delay in the newest complete window, s, and its growth, s/s.
+    delay_s: f64,
+    growth: f64,
+}
+
+impl LineDelay {
+    /// Adds the age of a measurement beyond the latency, s.
+    pub(super) fn take(&mut self, now: Time<VesselClock>, age_s: f64) {
+        let (begun, smallest_s) = self.window.unwrap_or((now, age_s));
+        let smallest_s = smallest_s.min(age_s);
+        let for_s = (now - begun).secs();
+        self.window = Some((begun, smallest_s));
+        if for_s >= WINDOW_S {
+            self.growth = (smallest_s - self.delay_s) / for_s;
+            self.delay_s = smallest_s;
+            self.window = None;
+        }
+    }
+    /// Delay, s; zero if it is small.
+    pub(super) fn delay_s(&self) -> f64 {
+        if self.delay_s >= DELAYED_S {
+            self.delay_s
+        } else {
+            0.0
+        }
+    }
+    pub(super) fn remark(&self) -> Option<Remark> {
+        let delay_s = self.delay_s();
+        if delay_s == 0.0 {
+            return None;
+        }
+        let cause = if self.growth > GROWING {
+            let growth_ms = 1e3 * self.growth;
+            format!("its line is full: {growth_ms:.0} ms later each second; {delay_s:.1} s old")
+        } else {
+            format!("its line delays all measurements: {delay_s:.1} s old")
+        };
+        Some(Remark::fault(
+            cause,
+            "send fewer sentences or raise the baud rate; on a network, look for what congests it",
+        ))
     }
 }
 

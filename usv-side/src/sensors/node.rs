@@ -10,7 +10,7 @@ use alight_shared::node::Node;
 use alight_shared::time::{Span, Time, VesselClock};
 use serde::{Deserialize, Serialize};
 
-use super::age_counts::AgeCounts;
+use super::age_counts::{AgeCounts, LineDelay};
 use super::plausible::{Movement, Plausibility};
 use super::rtcm::RtcmTraffic;
 use super::{
@@ -72,16 +72,13 @@ struct Source {
     /// Newest forwarded times by clock (the source's, or ours for arrivals), kind, and part of the stream.
     newest: [[[Option<i64>; WITHIN as usize + 1]; KINDS.len()]; 2],
     /// Ages of fixes and headings, which the estimator limits.
-    ages: [AgeCounts; 2],
+    ages: [AgeCounts; KINDS.len()],
+    delay: LineDelay,
     /// Plausibility of each part of the stream.
     plausible: [Plausibility; WITHIN as usize + 1],
     status: SourceStatus,
     requested: Option<Time<VesselClock>>,
 }
-
-/// Indices of fixes and headings in [`KINDS`].
-const GNSS: usize = 1;
-const HEADING: usize = 2;
 
 impl Source {
     fn new(config: &SourceConfig) -> Self {
@@ -95,7 +92,8 @@ impl Source {
             latency: Span::from_secs(config.latency_s),
             clocks: Default::default(),
             newest: Default::default(),
-            ages: no_ages(),
+            ages: ages(),
+            delay: LineDelay::default(),
             plausible: Default::default(),
             status: SourceStatus::default(),
             requested: None,
@@ -138,10 +136,10 @@ impl Source {
             .clocks
             .get_mut(kind)?
             .get_mut(usize::from(at_ns > EPOCH_NS))?;
-        let before = clock.restarts();
+        let before = clock.restarts;
         let at = clock.local_time(now, at_ns, self.latency);
-        if clock.restarts() > before {
-            self.status.step_s = clock.step_s();
+        if clock.restarts > before {
+            self.status.step_s = clock.step_s;
             self.status.restarts += 1;
             self.newest = Default::default();
         }
@@ -151,6 +149,7 @@ impl Source {
         let within = self.plausible.iter().zip(WHOSE);
         let mut all: Vec<Remark> = self.rtcm.iter().flat_map(RtcmTraffic::remarks).collect();
         all.extend(within.flat_map(|(p, whose)| p.remarks(whose)));
+        all.extend(self.delay.remark());
         all.extend(self.ages.iter().filter_map(AgeCounts::remark));
         all.extend(self.decoder.remarks());
         let s = &self.status;
@@ -190,10 +189,14 @@ impl Source {
             self.status.implausible_time += 1;
             return None;
         };
+        self.delay.take(now, (now - at - self.latency).secs());
+        self.status.delay_s = self.delay.delay_s();
         self.pass(now, at, (0, decoded.at_ns), decoded.measurement)
     }
+    /// Dates a measurement without a time, which its line delays like the others.
     fn date_by_arrival(&mut self, now: Time<VesselClock>, measurement: Measurement) -> Option<Measurement> {
-        self.pass(now, now - self.latency, (1, now.nanos()), measurement)
+        let at = now - self.latency - Span::from_secs(self.delay.delay_s());
+        self.pass(now, at, (1, now.nanos()), measurement)
     }
     /// Passes a measurement on if its time (ns; clock 0: the source's, 1: ours) is the newest of its kind.
     fn pass(
@@ -225,11 +228,8 @@ impl Source {
             *given += 1;
         }
         status.newest_s = Some(at.secs());
-        let [fixes, headings] = &mut self.ages;
-        match measurement {
-            Measurement::Gnss(_) => fixes.take((now - at).secs()),
-            Measurement::Heading(_) => headings.take((now - at).secs()),
-            Measurement::Imu(_) | Measurement::Attitude(_) => {}
+        if let Some(ages) = self.ages.get_mut(kind) {
+            ages.take((now - at).secs());
         }
         Some(measurement.of(within, at.min(now)))
     }
@@ -247,13 +247,16 @@ fn fixed(m: &Measurement) -> Option<Datum> {
     }
 }
 
-/// Age counts with the limits of a default estimator.
-fn no_ages() -> [AgeCounts; 2] {
+/// Age counts by kind with the limits that a default estimator's configuration has.
+fn ages() -> [AgeCounts; KINDS.len()] {
     let estimator = VesselNodeConfig::default();
-    [
-        AgeCounts::new(KINDS[GNSS], estimator.gnss.max_age_s),
-        AgeCounts::new(KINDS[HEADING], estimator.heading.max_age_s),
-    ]
+    let limits_s = [
+        f64::INFINITY,
+        estimator.gnss.max_age_s,
+        estimator.heading.max_age_s,
+        f64::INFINITY,
+    ];
+    core::array::from_fn(|kind| AgeCounts::new(KINDS[kind], limits_s[kind]))
 }
 
 pub struct SensorNode {

@@ -4,8 +4,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use alight_shared::time::{DroneTime, Span};
-use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_shared::time::{DroneClock, Span, Time};
+use alight_transport::clock::{ProcessClock, since_monotonic_ns, steady_ns};
 use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::{CameraFrame, GreyImage};
 
@@ -229,13 +229,11 @@ impl Device {
         let doing = format_args!("reading the camera {}", self.name);
         let [width, height] = self.size;
         let frame = self.camera.capture().doing(doing)?;
-        // The driver stamps images with the system's steady clock; without a stamp the arrival time is used.
-        let now_ns = steady_ns();
-        let stamped_ns = i64::try_from(frame.get_timestamp())
-            .unwrap_or(0)
-            .saturating_mul(1000);
-        let fresh = (0..1_000_000_000).contains(&(now_ns - stamped_ns));
-        let at: DroneTime = clock.read(if fresh { stamped_ns } else { now_ns });
+        // The driver stamps images with the kernel's slewed clock; without a stamp the arrival time is used.
+        let stamped_us = i64::try_from(frame.get_timestamp()).unwrap_or(0);
+        let age_ns = since_monotonic_ns(stamped_us.saturating_mul(1000));
+        let is_stamped = (0..1_000_000_000).contains(&age_ns);
+        let at: Time<DroneClock> = clock.read(steady_ns() - if is_stamped { age_ns } else { 0 });
         let bytes: &[u8] = &frame;
         let pixels: Vec<u8> = bytes
             .iter()

@@ -3,6 +3,7 @@
 
 use alight_computer::process::snapshot::time;
 use alight_computer::situation::SourceHealth;
+use alight_shared::estimation::JITTER_S;
 use alight_shared::msg::{EstimatorStatus, Line};
 
 use super::finding::{Finding, FindingTopic};
@@ -56,6 +57,10 @@ pub fn source(s: &SourceHealth) -> Finding {
                 d.mismatched_pulses
             ),
             "set the receiver's time pulse to GNSS time (CFG-TP): a clock kept by the pulse would be seconds wrong",
+        ),
+        None if r.status.delay_s > JITTER_S => TOPIC.stopping(
+            format!("{counts}; LATE: {} old", time(r.status.delay_s)),
+            "read the finding on its line below",
         ),
         None => match rejection(s) {
             Some(rejections) => TOPIC.warning(

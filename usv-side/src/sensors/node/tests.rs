@@ -109,6 +109,29 @@ fn sensor_node_across_a_leap_second() {
 }
 
 #[test]
+fn sensor_node_of_a_line_that_is_full() {
+    // The line carries 8 ms less than it is sent in each second.
+    let mut n = node(1);
+    for k in 0..900 {
+        let delay = Span::from_nanos(800_000 * k);
+        for a in step(&mut n, at(k) + delay, &[messages(k).as_bytes()]).attitude {
+            assert!((a.header.at - at(k)).secs().abs() < 0.02, "{k}: {a:?}");
+        }
+    }
+    let (remark, delay_s) = (&n.remarks()[0][0], n.status()[0].delay_s);
+    assert!(
+        remark
+            .text
+            .starts_with("its line is full: 8 ms later each second; 0.6 s old"),
+        "{remark:?}"
+    );
+    assert!(
+        (0.6..0.73).contains(&delay_s) && n.status()[0].restarts == 0,
+        "{delay_s}"
+    );
+}
+
+#[test]
 fn sensor_node_with_fixes_that_come_late() {
     // Every second fix arrives one second after its time; the first is dated by its arrival.
     let mut n = node(1);

@@ -3,13 +3,13 @@
 //! An update has the time of its arrival at the server, or of the receiver's sentence, so each kind of
 //! measurement has its own clock. Related values are matched by arrival; in a recording, by these times. A
 //! repeated time (the server truncates GGA's to seconds) is replaced by the arrival, unless the update was
-//! delayed ([`lag`]).
+//! delayed.
 
 mod delta;
-mod lag;
 
+use alight_shared::estimation::{JITTER_S, SourceClock};
 use alight_shared::lines::LineBuffer;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::time::{Span, Time, VesselClock};
 
 use super::bus::{Content, PAIR_NS, SensorBus, is_near};
 use super::clock::utc_ns;
@@ -17,7 +17,6 @@ use super::nmea::account::{Account, Why};
 use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
 use crate::node::KINDS;
 use delta::{DeltaMessage, DeltaUpdate};
-use lag::Lag;
 
 /// Maximum message length, bytes.
 pub const MAX_MESSAGE: usize = 256 << 10;
@@ -27,6 +26,8 @@ const MAX_SOURCES: usize = 64;
 /// Difference between times of different clocks, ns, and number of consecutive times after which the clock is changed.
 const OTHER_CLOCK_NS: i64 = 3_600_000_000_000;
 const MAX_OTHERS: u8 = 10;
+/// Age of an update that was delayed, s: a stamp that is truncated to whole seconds is up to one second early.
+const LATE_S: f64 = 1.0 + JITTER_S;
 /// Period of a receiver's week number, 1024 weeks, s.
 const ROLLOVER_S: f64 = 1024.0 * 7.0 * 86_400.0;
 
@@ -59,7 +60,8 @@ pub struct SignalKDecoder {
     clocks: [Option<(i64, u8)>; KINDS.len()],
     /// A source with two clocks, and their difference, s.
     two_clocks: Option<(u32, f64)>,
-    lags: [Lag; KINDS.len()],
+    /// Clocks of the time stamps, by which an update is late.
+    stamps: [SourceClock<VesselClock>; KINDS.len()],
     /// Measurements dated by arrival, at most one per kind.
     timeless: Vec<Measurement>,
 }
@@ -81,7 +83,7 @@ impl SignalKDecoder {
             newest_ns: [None; KINDS.len()],
             clocks: [None; KINDS.len()],
             two_clocks: None,
-            lags: [Lag::default(); KINDS.len()],
+            stamps: Default::default(),
             timeless: Vec::new(),
         }
     }
@@ -187,8 +189,12 @@ impl SignalKDecoder {
         }
         let newest = self.newest_ns.get_mut(m.kind());
         let repeated = newest.is_some_and(|n| core::mem::replace(n, when.stamp_ns) == when.stamp_ns);
-        let late = match (self.now_ns, when.stamp_ns, self.lags.get_mut(m.kind())) {
-            (Some(now_ns), Some(stamp_ns), Some(lag)) => lag.is_held_up(now_ns, stamp_ns),
+        let late = match (self.now_ns, when.stamp_ns, self.stamps.get_mut(m.kind())) {
+            (Some(now_ns), Some(stamp_ns), Some(clock)) => {
+                let now = Time::from_nanos(now_ns);
+                let at = clock.local_time(now, stamp_ns, Span::ZERO);
+                at.is_none_or(|at| (now - at).secs() > LATE_S)
+            }
             _ => false,
         };
         match when.stamp_ns.filter(|_| !repeated) {
