@@ -5,7 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::time::{DroneClock, Span, Time};
+use crate::time::{DroneTime, Span, Time};
 
 /// Maximum height of a station above the deck's mean level, m.
 pub const MAX_STATION_HEIGHT_M: u8 = 50;

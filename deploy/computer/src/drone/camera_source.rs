@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span};
 use alight_transport::clock::{ProcessClock, since_monotonic_ns, steady_ns};
 use alight_uav::camera::metering::{Light, Setting};
 use alight_uav::camera::{CameraFrame, GreyImage};
@@ -233,7 +233,7 @@ impl Device {
         let stamped_us = i64::try_from(frame.get_timestamp()).unwrap_or(0);
         let age_ns = since_monotonic_ns(stamped_us.saturating_mul(1000));
         let is_stamped = (0..1_000_000_000).contains(&age_ns);
-        let at: Time<DroneClock> = clock.read(steady_ns() - if is_stamped { age_ns } else { 0 });
+        let at: DroneTime = clock.read(steady_ns() - if is_stamped { age_ns } else { 0 });
         let bytes: &[u8] = &frame;
         let pixels: Vec<u8> = bytes
             .iter()

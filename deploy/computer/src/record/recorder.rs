@@ -77,7 +77,7 @@ impl Recorder {
         let begun = Sink::create(path).map(drop);
         begun.map_err(|e| CliError::because(format!("recording to {}", path.display()), unwritable(path, &e)))
     }
-    fn entry(&mut self, channel: ChannelId, t: Time<TrueTime>, step: &Step<'_>) -> Result<(), WireError> {
+    fn entry(&mut self, channel: ChannelId, t: WorldTime, step: &Step<'_>) -> Result<(), WireError> {
         let (mut references, newest, written) = (References::default(), &mut self.newest, &self.written);
         if self.foreign.contains(&step.process) {
             return self.sink.message(channel, stamp(t), |to| {

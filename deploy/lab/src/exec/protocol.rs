@@ -5,7 +5,7 @@ use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::time::{DroneTime, Span, Time};
 use alight_uav::pilot::admission::MAX_CLOSING_MPS;
 use alight_uav::planner::PlannerConfig;
 use schemars::JsonSchema;
@@ -266,7 +266,7 @@ impl PlannerAnswer {
             .checked(now)
             .map_err(|e| format!("answered with an invalid {e}"))
     }
-    fn checked(self, now: Time<DroneClock>) -> Result<Answer, String> {
+    fn checked(self, now: DroneTime) -> Result<Answer, String> {
         let (stages, step_s) = match (self.stages, self.none, self.common.unwrap_or(false)) {
             (None, Some(why), false) => return Ok(Answer::None(why.chars().take(MAX_REASON).collect())),
             (None, None, true) => return Ok(Answer::Common),
