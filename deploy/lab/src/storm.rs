@@ -442,7 +442,7 @@ impl Summary {
 mod tests {
     use super::*;
 
-    const SAID_SEEDS: [u64; 3] = [3, 8, 21];
+    const SAID_SEEDS: [u64; 2] = [3, 21];
 
     #[test]
     fn aims_go_through_all_pairs_of_a_flight() {

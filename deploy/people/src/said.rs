@@ -192,7 +192,10 @@ impl Statements {
             ..Picture::default()
         };
         self.judged += 1;
-        for (name, page) in [("drone", &drone), ("vessel", &vessel)] {
+        // A vessel that no longer receives the drone says so instead.
+        let received = !snapshot.mission.is_old(t.nanos());
+        let pages = [("drone", &drone), ("vessel", &vessel)];
+        for (name, page) in pages.into_iter().filter(|(name, _)| received || *name == "drone") {
             let moment = Moment {
                 page,
                 status: &page.status,

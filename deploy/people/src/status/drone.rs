@@ -418,8 +418,7 @@ fn link_figure(s: &ObservedSituation) -> Figure {
             time(l.clock_offset_sd_s)
         )
     };
-    let old = s.snapshot.link.is_old(s.now_ns);
-    Figure::of(NAME, format!("{} old", time(age_s)), note).stale(old)
+    Figure::of(NAME, format!("{} old", time(age_s)), note)
 }
 
 /// Battery, with the charge needed for the flight to the deck and one attempt.

@@ -160,7 +160,8 @@ impl Go {
                 ..barred
             });
         }
-        let sinks = d.state == State::Descent && d.waiting.code == ReasonCode::Descending;
+        let descends = matches!(d.waiting.code, ReasonCode::Descending | ReasonCode::None);
+        let sinks = d.state == State::Descent && descends;
         if sinks || d.state == State::Flare {
             return Some(Go {
                 go: (!is_unlikely(d.waiting.code)).then_some(true),

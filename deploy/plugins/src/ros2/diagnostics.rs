@@ -66,12 +66,8 @@ impl Diagnostics {
         } else {
             number(status.worst)
         };
-        let go = match status.go.go {
-            Some(true) => "GO",
-            Some(false) => "NO-GO",
-            None => "unknown",
-        };
-        let mut values = vec![value("landing", go), value("why", status.go.why.as_str())];
+        let go = &status.go;
+        let mut values = vec![value("landing", go.verdict), value("why", go.why.as_str())];
         values.extend(status.state.iter().flat_map(|s| {
             [
                 value("state", s.name.as_str()),
