@@ -56,10 +56,10 @@ mod version;
 pub mod vessel;
 
 pub use aboard::{
-    Closure, CrewOrder, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus, FollowsAnother, Line,
-    MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SilentDrone, SourceRemark, SourceReport,
-    SourceStatus, SourceUse, Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S,
-    VesselStatus,
+    Closure, CrewOrder, DeckMotion, DeckOrder, DeckStatus, Decoded, DroneContact, EstimatorStatus,
+    FollowsAnother, Line, MAX_DEVICES, MAX_NAMED, MAX_ORDERS, SensorReadings, SilentDrone, SourceRemark,
+    SourceReport, SourceStatus, SourceUse, Starved, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S,
+    TAKE_OFF_WATCH_S, VesselStatus,
 };
 pub use beacon::{BeaconSource, DeckBeacon, MAX_BEACON_LASTS_S, MAX_BEACON_MPS, MIN_BEACON_SD_M};
 pub use command::{Command, CommandKind, CommandProgress, CommandReceipt, OperatorCommand};

@@ -1,8 +1,8 @@
 use std::collections::VecDeque;
 
 use alight_shared::msg::{
-    CourseAdvice, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES, MAX_ORDERS, Seq,
-    SourceUse, VesselStatus,
+    CourseAdvice, DeckMotion, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES,
+    MAX_ORDERS, Seq, SourceUse, VesselStatus,
 };
 use alight_shared::time::{VesselClock, VesselTime};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
@@ -10,6 +10,9 @@ use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 const MOTION_PERIOD_NS: i64 = 90_000_000;
 /// Number of recent statuses over which the use of sources is counted: 10 s.
 const LATELY: usize = 20;
+
+/// Half the time over which the greatest motion is stated, ns (10 min).
+const MOTION_SPAN_NS: i64 = 600_000_000_000;
 
 pub struct CrewDeviceErrors {
     /// Reason why the deck's state would be lost with the process.
@@ -24,6 +27,9 @@ pub struct VesselStatusReport {
     estimated_ns: Option<i64>,
     estimator: EstimatorStatus,
     motion_ns: i64,
+    /// Number of the present span, and the motion in the previous and in this span.
+    span: i64,
+    spans: [DeckMotion; 2],
     occupied: bool,
     sequence: u32,
     /// Numbers of used and rejected measurements of each source at the previous statuses, oldest first.
@@ -52,6 +58,12 @@ impl VesselStatusReport {
                 // Samples that do not fit would be too late for the page's picture of the motion.
                 let _full = estimator.motion.push([e.eta[3], e.eta[4], -e.eta[2]]);
             }
+            let span = now_ns / MOTION_SPAN_NS;
+            if span != self.span {
+                self.spans = [self.spans[1], DeckMotion::default()];
+                self.span = span;
+            }
+            self.spans[1] = self.spans[1].and(DeckMotion::of(e));
             estimator.heading = Some(e.mean_heading[0]);
             estimator.mean_velocity = Some(e.mean_velocity.map(f64::from));
             let variance = |i: usize| e.covariance(i)[0];
@@ -86,6 +98,7 @@ impl VesselStatusReport {
             outliers: [outliers.imu, outliers.gnss, outliers.heading],
             restarts: outliers.restarts,
             rejected: node.rejected().total().into(),
+            greatest: self.spans[0].and(self.spans[1]),
             ..self.estimator
         };
         self.estimator.motion = Seq::new();

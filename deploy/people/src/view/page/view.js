@@ -549,10 +549,8 @@ function drawSide(scene) {
   say(pen, then, 10, 44, "forecast");
   const moved = heave === null ? "" : `, heave ${signed(heave, 1)} m`;
   say(pen, `pitch ${signed(pitch, 1)}\u00b0${width < 400 ? "" : moved}`, 10, height - 9, "ink");
-  const up = scene.drone ? scene.drone.at[2] - feet : 0;
-  const above = scene.drone ? `; drone ${signed(up, 1)} m above it, closing at ${signed(scene.drone.closing_mps, 1)} m/s` : "";
+  const above = scene.drone ? `, drone ${signed(scene.drone.at[2] - feet, 1)} m up, at ${signed(scene.drone.closing_mps, 1)} m/s` : "";
   describe("side", `Deck: roll ${signed(roll, 1)} deg, pitch ${signed(pitch, 1)} deg${moved}${above}`);
-  say(pen, "bow \u25b8", room - 8, height - 9, "ink", "right");
 }
 
 // Without a place of the drone, and on the vessel's page: roll from astern, pitch from starboard.

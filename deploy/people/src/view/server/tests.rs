@@ -117,7 +117,7 @@ fn viewers_page_size_and_hosts() {
         include_str!("../page/view.js"),
         include_str!("../page/worker.js"),
     ];
-    assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1200);
+    assert!(files.iter().map(|f| f.lines().count()).sum::<usize>() <= 1300);
     assert!(
         files
             .iter()
@@ -168,11 +168,19 @@ fn viewers_page_contrast_by_day_and_night() {
             ("warning", "warning-back"),
             ("alarm", "alarm-back"),
             ("go", "go-back"),
+            ("wait", "wait-back"),
+            ("no", "no-back"),
         ]);
         for (ink, back) in pairs {
             let [a, b] = [ink, back].map(|n| luminance(&colours[n]) + 0.05);
             let contrast = a.max(b) / a.min(b);
             assert!(contrast >= 4.5, "{selector}: {ink} on {back}: {contrast:.2}");
+        }
+        // The backgrounds of the verdicts are told apart without their colours.
+        let mut backs = ["go-back", "wait-back", "no-back"].map(|n| luminance(&colours[n]) + 0.05);
+        backs.sort_by(f64::total_cmp);
+        for pair in backs.windows(2) {
+            assert!(pair[1] >= 3.0 * pair[0], "{selector}: {backs:?}");
         }
     }
     assert!(!css.contains("opacity"), "opacity changes the contrast");
