@@ -212,7 +212,7 @@ mod tests {
             Some("DeckReserved".into())
         );
         assert_eq!(found("COM_OF_LOSS_T is 1 s"), Some("AutopilotParameter".into()));
-        for text in ["GO", "NO-GO", "WAITS", "ACT"] {
+        for text in ["GO", "NO-GO", "ACT"] {
             assert_eq!(matching(&all, text)[0].text, text);
         }
         let taken = matching(&all, "abort taken: Landed, nothing to stop")[0].advice;

@@ -92,10 +92,10 @@ fn verdict(m: &Moment<'_>) -> bool {
 fn not_awaited(m: &Moment<'_>) -> bool {
     let report = &m.report;
     let ended = report.state.ending().is_some() || report.state == State::StandDown;
-    let waits = report.waiting.to_string();
+    let waits = report.waits();
     m.status.state.as_ref().is_some_and(|shown| {
         let text = &shown.sentence;
-        let now = !waits.is_empty() && (text.ends_with(&waits) || text.ends_with(&report.waits()));
+        let now = !waits.is_empty() && text.ends_with(&waits);
         let does = text == report.state.does();
         !(now || does || ended && *text == report.entered.to_string())
     })
@@ -121,7 +121,7 @@ fn link(m: &Moment<'_>) -> bool {
     let age_s = m.status.situation.link_age_s().filter(|s| s.is_finite());
     let lost = age_s.is_some_and(|s| s > topics::ESTIMATE.stale_after.secs());
     let figure = m.status.figures.iter().find(|f| f.name == "link");
-    lost && figure.is_some_and(|f| f.value.is_none() || f.stale || f.note.contains("latency"))
+    lost && figure.is_some_and(|f| f.value.is_none() || f.note.contains("latency"))
 }
 
 fn not_urgent(m: &Moment<'_>) -> bool {
@@ -148,7 +148,6 @@ pub struct BrokenStatement {
     pub rule: &'static str,
     pub page: &'static str,
     pub t_s: f64,
-    pub state: State,
     /// All texts of the page.
     pub text: String,
     pub moments: u32,
@@ -212,7 +211,6 @@ impl Statements {
                     rule,
                     page: name,
                     t_s: t.secs(),
-                    state: report.state,
                     text: texts(page).collect::<Vec<_>>().join(" | "),
                     moments: 1,
                 });
