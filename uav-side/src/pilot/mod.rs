@@ -459,44 +459,11 @@ impl Pilot {
     }
 
     /// Plan, and its stage for a command sent at `now`, in states that need a plan.
-    fn wanted_plan(
-        &mut self,
-        now: DroneTime,
-        mission: &MissionState,
-        body: &Body,
-        below: Option<&DeckBelow>,
-    ) -> Option<(Plan, PlanStage)> {
-        if mission.state == State::Landed {
-            return None;
-        }
-        let newest = *self.plan.fresh(now, topics::PLAN.stale_after)?;
-        // Feet on the deck: the pilot presses them onto it, and the plan leads through the deck.
-        let touches = self.detector.contact() != TouchdownContact::Clear;
-        let around = Surround {
-            now,
-            body,
-            mission,
-            below,
-            range_clearance_m: self.range_clearance_m(now, body),
-            drone: &self.geometry,
-            deck: &self.deck,
-        };
-        let plan = if touches {
-            newest
-        } else {
-            self.admission.choose(&newest, &around)?
-        };
-        if self.is_withdrawn(now, &plan, mission) {
-            return None;
-        }
-        Some((plan, self.served(now, &plan)?))
-    }
-
-    /// Clearance of the feet above what the rangefinder measures, m.
-    fn range_clearance_m(&self, now: DroneTime, body: &Body) -> Option<f64> {
-        let range_m = self.detector.median(now)?;
-        let upright = (body.attitude * Vector3::z()).z;
-        Some(range_m * upright - self.geometry.feet_below_m + self.geometry.rangefinder_m[2])
+    fn wanted_plan(&self, now: DroneTime, mission: &MissionState) -> Option<(Plan, PlanStage)> {
+        self.plan
+            .fresh(now, topics::PLAN.stale_after)
+            .filter(|p| mission.state != State::Landed && !self.is_withdrawn(now, p, mission))
+            .and_then(|p| self.served(now, p).map(|stage| (*p, stage)))
     }
 
     fn armed(&self, now: DroneTime) -> Option<&AutopilotState> {
