@@ -52,7 +52,7 @@ impl Status {
         let state = self
             .state
             .as_ref()
-            .map(|s| (s.name.as_str(), without_numbers(&s.waiting), &s.rejected));
+            .map(|s| (s.name.as_str(), without_numbers(&s.waiting)));
         let figures = self.figures.iter().filter(|f| STATE.contains(&f.name));
         let figures: Vec<_> = figures
             .map(|f| (f.value.as_deref(), without_numbers(&f.note)))

@@ -531,7 +531,7 @@ function drawSide(scene) {
   drawn.side = { deck: centre, half, plan: way, drone: to(at) };
   const arm = Math.max(0.4 * scale, 15);
   font(pen, 15);
-  if (way.length) say(pen, "\u25ac plan", room - 8, scene.contact ? 24 : 44, "plan", "right");
+  if (way.length && width > 400) say(pen, "\u25ac plan", room - 8, scene.contact ? 24 : 44, "plan", "right");
   const abeam = Math.abs(at[1]) > (scene.size_m ? scene.size_m[1] : 2) / 2;
   if (scene.drone) {
     pen.globalAlpha = abeam ? 0.45 : 1;
@@ -546,7 +546,7 @@ function drawSide(scene) {
   font(pen, 19, "bold");
   say(pen, when, 10, 24, "ink");
   font(pen, width < 500 ? 14 : 15);
-  say(pen, then, 10, 44, "forecast");
+  if (width > 400) say(pen, then, 10, 44, "forecast");
   const moved = heave === null ? "" : `, heave ${signed(heave, 1)} m`;
   say(pen, `pitch ${signed(pitch, 1)}\u00b0${width < 400 ? "" : moved}`, 10, height - 9, "ink");
   const above = scene.drone ? `, drone ${signed(scene.drone.at[2] - feet, 1)} m up, at ${signed(scene.drone.closing_mps, 1)} m/s` : "";
