@@ -105,6 +105,8 @@ pub struct TrialObservation<'a> {
     /// Reason for which the mission delays its next state.
     pub waiting: Reason,
     pub in_water: bool,
+    /// Whether the vessel lies upside down.
+    pub capsized: bool,
     /// Distance from the drone's body to the nearest keep-out volume, m; negative inside, None without volumes.
     pub keep_out_gap_m: Option<f64>,
     pub collisions: u32,
@@ -181,6 +183,9 @@ pub struct Outcome {
     /// Predicted probability of an unsafe contact at the last descent's start; null when unknown.
     #[serde(default)]
     pub harm: Option<f64>,
+    /// The same at the last flare's start, with which the drone commits itself; null without a flare in the last descent.
+    #[serde(default)]
+    pub committed_harm: Option<f64>,
     /// Simulated time including warm-up, s.
     pub sim_time_s: f64,
     pub wall_time_s: f64,
@@ -301,6 +306,11 @@ impl Judge {
                 Ending::GaveUp,
                 format!("the mission gave up at attempt {}", o.attempts),
             );
+            self.ended = true;
+        }
+        if o.capsized {
+            let reason = format!("the simulated vessel has capsized after {:.1} s", o.t_s);
+            self.fail(Ending::GaveUp, reason);
             self.ended = true;
         }
         if o.t_s >= TIME_LIMIT_S {
@@ -447,6 +457,7 @@ impl Judge {
             vision_age_s: None,
             likelihood: None,
             harm: None,
+            committed_harm: None,
             stay_position_error_m: None,
             sim_time_s,
             wall_time_s: 0.0,

@@ -529,6 +529,7 @@ impl Physics {
             gave_up: mission.state == State::GaveUp,
             waiting: mission.waiting,
             in_water: plant.is_some_and(|p| p.in_water),
+            capsized: deck.attitude.down().0.z < 0.0,
             keep_out_gap_m: self.keep_out_gap_m(&drone, &deck),
             collisions: plant.map_or(0, |p| p.collisions),
         }

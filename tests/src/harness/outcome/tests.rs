@@ -22,6 +22,7 @@ fn at(t_s: f64) -> TrialObservation<'static> {
         gave_up: false,
         waiting: Reason::default(),
         in_water: false,
+        capsized: false,
         keep_out_gap_m: None,
         collisions: 0,
     }
