@@ -136,24 +136,32 @@ pub fn summary(s: &Summary) -> String {
     format!("{}\n{}\n{}", wrapped(&landed), wrapped(&bound), table.text())
 }
 
-/// Predicted probabilities of a landing and of an unsafe contact, with the observed frequencies.
+/// Table of predicted probabilities with the observed frequencies.
+fn calibration(name: &str, came: &str, digits: usize, bins: &[OddsBin]) -> String {
+    let mut table = Table::new(1.., [name, "descents", "predicted", came, "95 % interval"]);
+    for b in bins {
+        let [from, to] = b.between;
+        table.row(cells![
+            format!("{from:.digits$} to {to:.digits$}"),
+            b.descents,
+            Cell::number(Some(b.predicted), 3),
+            Cell::number(Some(b.came as f64 / b.descents.max(1) as f64), 3),
+            format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
+        ]);
+    }
+    table.text()
+}
+
+/// Predicted probabilities of a landing and of an unsafe contact at the start of a descent, with the observed
+/// frequencies.
 pub fn odds(s: &Summary) -> String {
-    let of = |name: &str, came: &str, digits: usize, bins: &[OddsBin]| {
-        let mut table = Table::new(1.., [name, "descents", "predicted", came, "95 % interval"]);
-        for b in bins {
-            let [from, to] = b.between;
-            table.row(cells![
-                format!("{from:.digits$} to {to:.digits$}"),
-                b.descents,
-                Cell::number(Some(b.predicted), 3),
-                Cell::number(Some(b.came as f64 / b.descents.max(1) as f64), 3),
-                format!("{:.3} to {:.3}", b.interval.0, b.interval.1)
-            ]);
-        }
-        table.text()
-    };
-    let landed = of("likelihood", "landed", 2, &s.likelihood);
-    format!("{landed}\n{}", of("harm", "unsafe", 3, &s.harm))
+    let landed = calibration("likelihood", "landed", 2, &s.likelihood);
+    format!("{landed}\n{}", calibration("harm", "unsafe", 3, &s.harm))
+}
+
+/// Predicted probabilities of an unsafe contact at the commitment, with the observed frequencies.
+pub fn committed_odds(s: &Summary) -> String {
+    calibration("harm at commitment", "unsafe", 3, &s.committed_harm)
 }
 
 pub fn summary_json(s: &Summary) -> Map<String, Value> {
@@ -174,6 +182,7 @@ pub fn summary_json(s: &Summary) -> Map<String, Value> {
         ("failures", json!(s.failures)),
         ("likelihood", json!(s.likelihood)),
         ("harm", json!(s.harm)),
+        ("committed_harm", json!(s.committed_harm)),
     ] {
         map.insert(name.into(), value);
     }

@@ -156,6 +156,7 @@ pub fn run(args: &TrialArgs, count: u32) -> Result<Exit, CliError> {
         .print(&outcome_table::summary_json(&summary), &outcomes)?
     {
         terminal::line(outcome_table::summary(&summary));
+        terminal::line(outcome_table::committed_odds(&summary));
         if scene.scenario.begin_anyway {
             terminal::line(outcome_table::odds(&summary));
         }

@@ -93,6 +93,7 @@ pub fn land(
     let mut next_point = 0.0;
     let mut ages: Option<[f64; 2]> = None;
     let mut odds = [None; 2];
+    let mut committed_harm = None;
     // The judge's time limit bounds the loop.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
@@ -105,8 +106,12 @@ pub fn land(
             let name = state.name();
             let reason = mission.entered;
             (watch.on_event)(&Event::Phase { t_s, name, reason });
+            if state == State::Flare {
+                committed_harm = mission.harm;
+            }
             if state == State::Descent {
                 odds = [mission.likelihood, mission.harm];
+                committed_harm = None;
                 world.ask_change();
             }
         }
@@ -136,6 +141,7 @@ pub fn land(
     [outcome.radio_age_s, outcome.vision_age_s] =
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     [outcome.likelihood, outcome.harm] = odds;
+    outcome.committed_harm = committed_harm;
     for why in rig.world.drones()[0].own_failures() {
         outcome.reason += &format!("; {why}");
     }

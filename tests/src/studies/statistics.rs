@@ -212,6 +212,8 @@ pub struct Summary {
     pub likelihood: Vec<OddsBin>,
     /// Unsafe contacts of last descents, binned by predicted probability.
     pub harm: Vec<OddsBin>,
+    /// The same by the probability predicted at the commitment.
+    pub committed_harm: Vec<OddsBin>,
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }
 
@@ -271,6 +273,7 @@ impl Summary {
             trials: outcomes.len(),
             likelihood: binned(&LIKELIHOODS, &estimated(|o| Some((o.likelihood?, has_landed(o))))),
             harm: binned(&HARMS, &estimated(|o| Some((o.harm?, o.is_unsafe())))),
+            committed_harm: binned(&HARMS, &estimated(|o| Some((o.committed_harm?, o.is_unsafe())))),
             successes: all().filter(|o| o.success).count(),
             rejected: all().filter(|o| o.is_rejected()).count(),
             descents: [

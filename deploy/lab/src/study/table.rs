@@ -19,7 +19,7 @@ use super::result::StudyResult;
 use super::rows::{Rows, StudyRow};
 use super::run::{self, write_files};
 use crate::args::StudyArgs;
-use crate::outcome_table::summary_json;
+use crate::outcome_table::{committed_odds, summary_json};
 use crate::scene::written;
 
 const MAX_FAILURES: usize = 12;
@@ -288,6 +288,8 @@ impl Study<'_> {
             out.push("paired differences from the first planner, mean and 95 % interval".into());
             out.push(differences.text());
         }
+        let all: Vec<&Outcome> = self.outcomes.iter().collect();
+        out.push(committed_odds(&Summary::of(&all)));
         out.extend(failures(self.outcomes).iter().map(|text| wrapped(text)));
         if rows.len() <= MAX_ROWS_WITH_EXTREMES {
             out.push(extremes(rows).text());
