@@ -234,7 +234,7 @@ fn seed(text: &str) -> Result<u64, String> {
         return Ok(RandomState::new().hash_one(0) >> 16);
     }
     text.parse()
-        .map_err(|e| format!("{e}; give a whole number from 0, or random"))
+        .map_err(|_| "a whole number is needed, or random".into())
 }
 
 fn on_off(text: &str) -> Result<bool, String> {

@@ -128,6 +128,9 @@ pub struct Outcome {
     pub seed: u64,
     pub sea: String,
     pub planner: String,
+    /// Predictor supplied by the caller; null: the drone's own.
+    #[serde(default)]
+    pub predictor: Option<String>,
     /// Number of descents begun.
     pub attempts: u32,
     /// Number of contacts that exceed the limits.
@@ -201,7 +204,7 @@ impl Outcome {
     /// its descent too late.
     pub fn is_rejected(&self) -> bool {
         let out_of_time = self.outcome == Ending::GaveUp || self.reason.starts_with(NOT_AT_REST);
-        out_of_time && self.unsafe_contacts == 0
+        !self.success && out_of_time && self.unsafe_contacts == 0
     }
     /// Whether the trial is neither a success nor [`Outcome::is_rejected`].
     pub fn is_unsafe(&self) -> bool {
@@ -434,6 +437,7 @@ impl Judge {
             seed,
             sea: sea.into(),
             planner: planner.into(),
+            predictor: None,
             attempts: self.attempts,
             unsafe_contacts: self.unsafe_contacts,
             water_contacts: self.water_contacts,

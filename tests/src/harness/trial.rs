@@ -142,6 +142,7 @@ pub fn land(
         [0, 1].map(|i| ages.and_then(|a| a.get(i).copied()).filter(|a| a.is_finite()));
     [outcome.likelihood, outcome.harm] = odds;
     outcome.committed_harm = committed_harm;
+    outcome.predictor = nodes.predictor.as_ref().map(|own| own.name().into());
     for why in rig.world.drones()[0].own_failures() {
         outcome.reason += &format!("; {why}");
     }

@@ -90,6 +90,6 @@ mod tests {
         assert_eq!(station.answered(&shows(None)), Some(true));
         let why: Reason = ReasonCode::StationNotNow.into();
         assert_eq!(station.answered(&shows(Some(why))), Some(false));
-        assert_eq!(answer(1, &shows(Some(why)), false)[1], format!("waiting: {why}"));
+        assert!(answer(1, &shows(Some(why)), false)[2].ends_with(&format!("command: {why}")));
     }
 }

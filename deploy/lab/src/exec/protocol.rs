@@ -6,7 +6,6 @@ use alight_shared::msg::{
     Plan, PlanStage, Seq, State,
 };
 use alight_shared::time::{DroneTime, Span, Time};
-use alight_uav::pilot::admission::MAX_CLOSING_MPS;
 use alight_uav::planner::PlannerConfig;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
@@ -51,8 +50,7 @@ pub struct Permission {
     pub state: State,
     /// Phase of the state: Navigation (far from the vessel), Follow (above the vessel), Landing (descent and flare).
     pub phase: Phase,
-    /// Proposed descent speed relative to the deck, m/s, which a plan may exceed up to `limits.closing_mps`; 0: no
-    /// descent.
+    /// Permitted descent speed relative to the deck, m/s; 0: no descent.
     pub descent_mps: f64,
     /// Commanded height of the drone's centre of mass above the deck's mean level, m.
     pub height_m: f64,
@@ -126,8 +124,6 @@ pub struct Limits {
     pub vertical_mps: f64,
     /// Roll and pitch, rad.
     pub tilt_rad: f64,
-    /// Speed towards the deck above which a plan is not flown, m/s.
-    pub closing_mps: f64,
     /// Maximum thrust per mass, m/s².
     pub thrust_mps2: f64,
     /// Distance of the foot plane below the centre of mass, m.
@@ -142,7 +138,6 @@ impl Limits {
             horizontal_mps: soft.horizontal_mps,
             vertical_mps: soft.vertical_mps,
             tilt_rad: soft.tilt_deg.to_radians(),
-            closing_mps: MAX_CLOSING_MPS,
             thrust_mps2: drone.max_thrust_n / drone.mass_kg,
             feet_below_m: drone.feet_below_m,
         }

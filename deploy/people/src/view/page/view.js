@@ -547,8 +547,8 @@ function drawSide(scene) {
   say(pen, when, 10, 24, "ink");
   font(pen, width < 500 ? 14 : 15);
   if (width > 400) say(pen, then, 10, 44, "forecast");
-  const moved = heave === null ? "" : `, heave ${signed(heave, 1)} m`;
-  say(pen, `pitch ${signed(pitch, 1)}\u00b0${width < 400 ? "" : moved}`, 10, height - 9, "ink");
+  const moved = heave === null || width < 400 ? "" : `, heave ${signed(heave, 1)} m`;
+  say(pen, `pitch ${signed(pitch, 1)}\u00b0${moved}`, 10, height - 9, "ink");
   const above = scene.drone ? `, drone ${signed(scene.drone.at[2] - feet, 1)} m up, at ${signed(scene.drone.closing_mps, 1)} m/s` : "";
   describe("side", `Deck: roll ${signed(roll, 1)} deg, pitch ${signed(pitch, 1)} deg${moved}${above}`);
 }

@@ -118,7 +118,7 @@ fn each_channel_that_stands_still_among_moving_ones() {
 }
 
 #[test]
-fn placeholders_of_an_instrument_that_was_never_configured() {
+fn placeholders_of_an_unconfigured_instrument() {
     // Zero in waves; 90 deg while the rate of turn swings, turns the boat, or is only biased.
     type Rate = fn(f64) -> f64;
     let cases: [(f64, f64, Option<Rate>, &[&str]); 4] = [
