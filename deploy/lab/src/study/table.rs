@@ -517,7 +517,10 @@ mod tests {
         let [low, high] = pools[0].score_95.unwrap();
         assert!(low < waits && waits < high, "{low} {high}");
         assert!(
-            text.replace('\n', " ").contains("partial: 1 of 34 rows"),
+            text.split_whitespace()
+                .collect::<Vec<_>>()
+                .join(" ")
+                .contains("partial: 1 of 34 rows"),
             "{text}"
         );
     }
