@@ -61,7 +61,8 @@ config! {
         /// sliding.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
         /// Maximum probability of an unsafe contact to begin a descent: too hard, too fast along the deck, too tilted,
-        /// or with a foot over an edge. A rejected landing costs a minute, an unsafe one the drone.
+        /// or with a foot over an edge. The drone breaks off at the last height from which it can climb if the
+        /// probability exceeds this by more than 0.02. A rejected landing costs a minute, an unsafe one the drone.
         pub max_harm: f64 = 0.01, in 0.0..=1.0;
         /// Cost of a minute of waiting above the deck, as a probability. With a higher cost, a sufficiently safe
         /// descent begins sooner and waits less for a calm period between wave groups.

@@ -54,6 +54,7 @@ impl MissionNode {
             drone,
             plate,
             chooses: deck.clearance_m > self.config.flare_clearance_m,
+            planned_s: self.planned_contact_s(now),
             response: self.set_point.get().map(|s| s.response).unwrap_or_default(),
         };
         s.odds = outlook.odds(now);
@@ -203,6 +204,14 @@ impl MissionNode {
             Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
             Some(_) | None => f64::INFINITY,
         }
+    }
+
+    /// Time to the contact that a fresh plan of this landing intends, s.
+    fn planned_contact_s(&self, now: Time<DroneClock>) -> Option<f64> {
+        let plan = self.plan.fresh(now, topics::PLAN.stale_after)?;
+        let lands = self.phase.state().phase() == Phase::Landing && plan.solve != Solve::Infeasible;
+        let touchdown_at = plan.touchdown_at.filter(|_| lands)?;
+        Some((touchdown_at - now).secs().max(0.0))
     }
 
     /// Waiting place in the newest grant; None without reservations.

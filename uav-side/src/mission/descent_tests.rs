@@ -3,11 +3,11 @@ use alight_shared::msg::ReasonCode::{
     TooSteep, VisionLost,
 };
 use alight_shared::msg::{CarrierSolution, RelativeState};
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use State::{Descent, Flare, Tracking, TrackingStable};
 
-use super::situation::{Deck, OwnState};
+use super::situation::{ClimbRoom, Deck, OwnState};
 use super::tests::Does::{Enter, Stay};
 use super::tests::*;
 use super::*;
@@ -40,6 +40,88 @@ fn descent_with_a_lasting_violation() {
         let rows = [(s, 0.2, Stay(Descent, why)), (s, 1.0, Enter(Tracking, why))];
         table(DESCENT, rows);
     }
+}
+
+/// The strict limit holds at the last height from which the drone can climb, and neither above nor below it.
+#[test]
+fn harm_at_the_last_height_for_a_climb() {
+    let harmful = |climb: ClimbRoom, hard: f64, clearance_m: f64| {
+        let mut s = with_odds(|p| p.hard = hard);
+        let deck = s.deck.as_mut().unwrap();
+        (deck.climb, deck.clearance_m) = (climb, clearance_m);
+        s
+    };
+    let stays = Stay(Descent, Descending);
+    let rows = [
+        (harmful(ClimbRoom::Clear, 0.95, 1.6), 0.5, stays),
+        (
+            harmful(ClimbRoom::Clear, 0.95, 0.85),
+            0.0,
+            Enter(Tracking, HarmLikely),
+        ),
+        (
+            harmful(ClimbRoom::Last, 0.95, 1.3),
+            0.0,
+            Enter(Tracking, HarmLikely),
+        ),
+        (harmful(ClimbRoom::Last, 0.98, 1.3), 0.5, stays),
+        (harmful(ClimbRoom::Meets, 0.95, 1.0), 0.5, stays),
+    ];
+    table(DESCENT, rows);
+    goes(
+        &step(FREE_FLARE, &harmful(ClimbRoom::Last, 0.95, 0.85)),
+        Tracking,
+        HarmLikely,
+    );
+    assert_eq!(
+        step(COMMITTED, &harmful(ClimbRoom::Last, 0.95, 0.7))
+            .phase
+            .state(),
+        Flare
+    );
+}
+
+/// A deck that rises to a drone without a view of the tags does not make it land, as long as it can climb.
+#[test]
+fn deck_that_rises_to_a_paused_drone() {
+    let risen = |climb| {
+        with_deck(|d| {
+            (d.clearance_m, d.vision_age_s) = (0.7, 0.8);
+            (d.radio_age_s, d.climb) = (9.0, climb);
+        })
+    };
+    let rows = [
+        (risen(ClimbRoom::Last), 0.0, Enter(Tracking, VisionLost)),
+        (risen(ClimbRoom::Meets), 0.0, Enter(Flare, FlareHeight)),
+    ];
+    table(DESCENT, rows);
+}
+
+/// Over a deck at rest a drone that sinks at 2.5 m/s can climb from 1 m, but not from half a metre.
+#[test]
+fn last_height_for_a_climb() {
+    let climb = |clearance_m: f64, sink_mps: f64| {
+        let feet_m = DroneGeometry::default().feet_below_m;
+        let own = OwnState {
+            position: Vector3::new(0.0, 0.0, -1.3 - feet_m - clearance_m),
+            velocity: Vector3::new(0.0, 0.0, sink_mps),
+            yaw: 0.0,
+        };
+        let f = forecast(header(1, at(1.0)), |_| level([0.0, 0.0, -1.3]));
+        let upright = UnitQuaternion::identity();
+        let deck = Deck::of(&f, &own, &DroneGeometry::default(), &upright, &config(), at(1.0));
+        deck.unwrap().climb
+    };
+    let rooms = [(2.0, 2.5), (1.0, 2.5), (0.5, 2.5), (0.5, 0.0)].map(|(m, mps)| climb(m, mps));
+    assert_eq!(
+        rooms,
+        [
+            ClimbRoom::Clear,
+            ClimbRoom::Last,
+            ClimbRoom::Meets,
+            ClimbRoom::Clear
+        ]
+    );
 }
 
 #[test]

@@ -10,13 +10,13 @@
 //! the drone's reaction time `r` ([`alight_shared::landing`]'s contact).
 //!
 //! Prediction errors older than `r` do not count, because feedback corrects them before contact. The probability of the
-//! landing is the product over the limits, whose errors have different causes. While the planner chooses the touchdown
-//! time, it is that of the best time in the planner's window.
+//! landing is the product over the limits, whose errors have different causes. It is that of the planned touchdown
+//! time, and before there is a plan that of the best time in the planner's window.
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::landing::normal::larger;
+use alight_shared::landing::normal::{larger, smaller};
 use alight_shared::landing::{
     BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, WindPush, alignment_mps,
     wind_during_alignment,
@@ -49,16 +49,19 @@ pub struct Outlook<'a> {
     pub drone: &'a DroneGeometry,
     pub plate: &'a DeckGeometry,
     pub chooses: bool,
+    /// Time to the planned contact, s; None without a plan that touches.
+    pub planned_s: Option<f64>,
     pub response: AttitudeResponse,
 }
 
 impl Outlook<'_> {
     /// Odds of a landing from here at `now`; None if the forecast ends before contact.
     pub fn odds(&self, now: Time<DroneClock>) -> Option<Odds> {
-        let left_s = self.time_to_contact_s();
+        let left_s = self.planned_s.unwrap_or_else(|| self.time_to_contact_s());
         let start = now.max(self.forecast.header.at);
         let reacted = self.at(start, self.reaction_s())?;
-        let window_s = if self.chooses { WINDOW_S } else { 0.0 };
+        let chooses = self.chooses && self.planned_s.is_none();
+        let window_s = if chooses { WINDOW_S } else { 0.0 };
         let moments = (0..=(window_s / GRID_S) as usize).filter_map(|k| {
             let contact = self.at(start, left_s + GRID_S * k as f64)?;
             Some(self.at_contact(&reacted, &contact, left_s))
@@ -85,7 +88,10 @@ impl Outlook<'_> {
         let left = (-left_s / CLOSING_S).exp();
         let wind = self.wind;
         let reaction_s = self.reaction_s();
-        let [ax, ay, az] = reacted.acceleration_sd.map(|sd| reaction_s * sd);
+        // The deck gains no more unforeseen speed than the whole forecast speed is uncertain.
+        let [ax, ay, az] = core::array::from_fn(|i| {
+            smaller(reaction_s * reacted.acceleration_sd[i], reacted.velocity_sd[i])
+        });
         // Signed, because the plan allows for the predicted acceleration between an aligned drone and the deck.
         let blown = wind_during_alignment(&wind.mean);
         let meant = aligned_acceleration(contact, &contact.normal());
@@ -133,6 +139,7 @@ mod tests {
         let known = DeckStage {
             position_sd: [0.03; 3],
             acceleration_sd: [0.2; 3],
+            velocity_sd: [0.5; 3],
             euler_sd: [0.01; 3],
             ..DeckStage::default()
         };
@@ -150,6 +157,7 @@ mod tests {
             drone: &DroneGeometry::default(),
             plate: &DeckGeometry::default(),
             chooses: false,
+            planned_s: None,
             response: AttitudeResponse::default(),
         };
         outlook.odds(Time::EPOCH).unwrap()
@@ -197,6 +205,9 @@ mod tests {
         ] {
             assert!(odds.whole() < 1e-12, "{odds:?}");
         }
+        // An uncertain acceleration, but a well-known speed.
+        let known = of(|_| {}, |s| (s.acceleration_sd[2], s.velocity_sd[2]) = (1.4, 0.1));
+        assert_eq!(code(&known), None);
         // An offset of 0.8 m can be corrected in the remaining time.
         assert_eq!(code(&of(|d| d.feet = Vector2::new(0.8, 0.0), |_| {})), None);
     }

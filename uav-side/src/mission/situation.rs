@@ -128,6 +128,49 @@ pub struct Deck {
     pub contradicted: Option<Reason>,
     /// Outcomes of landing and of climbing from now on; None above the commit clearance.
     pub ends: Option<ContactOutcomes>,
+    pub climb: ClimbRoom,
+}
+
+/// Distance from the deck that a climb from now on keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClimbRoom {
+    /// More than [`MAY_TOUCH_M`].
+    Clear,
+    /// Less than that: the last height from which the drone can climb.
+    Last,
+    /// The climb meets the deck.
+    Meets,
+}
+
+/// Clearance below which the deck itself may tilt a drone, m: the forecast's error.
+pub const MAY_TOUCH_M: f64 = 0.3;
+/// Clearance from which any climb is clear, m: a drone that closes at 4 m/s stops within 2.5 m.
+const ANY_CLIMB_M: f64 = 3.0;
+
+impl ClimbRoom {
+    fn of(
+        clearance_m: f64,
+        now: Time<DroneClock>,
+        forecast: &DeckForecast,
+        own: &OwnState,
+        drone: &DroneGeometry,
+    ) -> Self {
+        let meets = |margin_m: f64| {
+            let lower = DroneGeometry {
+                feet_below_m: drone.feet_below_m + margin_m,
+                ..*drone
+            };
+            let ends = ContactOutcomes::predict(now, forecast, &own.position, &own.velocity, &lower);
+            ends.is_some_and(|ends| ends.climb.is_some())
+        };
+        if clearance_m > ANY_CLIMB_M || !meets(MAY_TOUCH_M) {
+            ClimbRoom::Clear
+        } else if meets(0.0) {
+            ClimbRoom::Meets
+        } else {
+            ClimbRoom::Last
+        }
+    }
 }
 
 /// Limit of the RMS height difference between rangefinder and camera over seconds, in their standard deviations.
@@ -213,6 +256,7 @@ impl Deck {
             ends: (clearance_m < config.commit_clearance_m)
                 .then(|| ContactOutcomes::predict(now, forecast, &own.position, &own.velocity, drone))
                 .flatten(),
+            climb: ClimbRoom::of(clearance_m, now, forecast, own, drone),
         })
     }
     /// Age of the deck's position in a landing, s: by vision, or by the relative position that replaces it while the

@@ -18,7 +18,7 @@ use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, T
 
 use super::phase::DroneTime;
 use super::reservation::{Reservation, stated_course};
-use super::situation::{Charges, Deck, OwnState, SortieEvidence, TakeOffEvidence};
+use super::situation::{Charges, ClimbRoom, Deck, OwnState, SortieEvidence, TakeOffEvidence};
 use super::*;
 use alight_shared::landing::Odds;
 
@@ -62,6 +62,7 @@ fn fair_deck() -> Deck {
         beacon: None,
         contradicted: None,
         ends: None,
+        climb: ClimbRoom::Clear,
     }
 }
 

@@ -8,7 +8,7 @@ use alight_shared::msg::{Course, Reason};
 
 use super::super::limits::{DECISION_TIMEOUT_S, HYSTERESIS, LOST_OUTSIDE_M, exceeds, first_beyond};
 use super::super::phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting};
-use super::super::situation::{Deck, Situation};
+use super::super::situation::{ClimbRoom, Deck, MAY_TOUCH_M, Situation};
 use super::{MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
 use crate::mission_config::MissionConfig;
 
@@ -33,7 +33,8 @@ fn not_ready_to_flare(deck: &Deck, c: &MissionConfig) -> Option<Reason> {
 const CONE_M: f64 = 1.0;
 const CONE_SLOPE: f64 = 0.3;
 /// Duration of a new attempt, s, and its probability of a harmful contact. A landing is broken off if its probability
-/// falls below the required one by more than the cost of both.
+/// falls below the required one by more than the cost of both, or if its harm exceeds that of a new attempt by more than
+/// the permitted harm.
 const REPEAT_S: f64 = 30.0;
 const REPEAT_RISK: f64 = 0.02;
 
@@ -42,10 +43,33 @@ fn swings_or_contradicted(deck: &Deck, s: &Situation) -> Option<Reason> {
     exceeds(Swings, s.swing_rad, HYSTERESIS * MAX_SWING_RAD).or(deck.contradicted)
 }
 
+fn repeat_cost(c: &MissionConfig) -> f64 {
+    REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK
+}
+
+/// Reason to climb at the last height from which the drone can, at the latest before the flare. There most is known of
+/// the contact, so that the strict limits of a landing hold.
+fn too_harmful(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let decides = match deck.climb {
+        ClimbRoom::Clear => deck.clearance_m < c.flare_clearance_m,
+        ClimbRoom::Last => true,
+        ClimbRoom::Meets => false,
+    };
+    if !decides {
+        return None;
+    }
+    unlikely(
+        urgency,
+        s,
+        c.min_probability - repeat_cost(c),
+        c.max_harm + REPEAT_RISK,
+    )
+}
+
 /// Violated condition of a landing in progress. `blind_s`: maximum time without vision.
 fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_s: f64) -> Option<Reason> {
     let cone = CONE_M + CONE_SLOPE * deck.clearance_m.max(0.0);
-    let repeat = REPEAT_S * c.waiting_cost_per_s() + REPEAT_RISK;
+    let repeat = repeat_cost(c);
     exceeds(VisionLost, deck.located_age_s(), blind_s)
         .or(s.doubt)
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
@@ -57,8 +81,6 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
 
 /// Tilt in excess of the commanded one at which attitude control is lost, rad: 10 deg; landings reach 2 deg.
 const MAX_TILT_EXCESS_RAD: f64 = 0.175;
-/// Clearance below which the deck itself may tilt a drone, m: the forecast's error.
-const MAY_TOUCH_M: f64 = 0.3;
 
 /// Reason if attitude control is being lost; the higher thrust of a climb restores the rotors' torque.
 fn attitude_lost(deck: &Deck, s: &Situation) -> Option<Reason> {
@@ -90,13 +112,20 @@ pub(super) fn descent(
     if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
         return PhaseTransition::BreakOff(why);
     }
-    if let Some(why) = withdrawn(urgency, s).filter(|_| !close) {
+    if !close && let Some(why) = withdrawn(urgency, s).or_else(|| too_harmful(deck, urgency, s, c)) {
         return PhaseTransition::BreakOff(why);
     }
     if let Some(lowest_m) = c.lowest_plan_m() {
         return matching(lowest_m, violated, paused, deck, violation, s, c);
     }
     let rejection = not_ready_to_flare(deck, c);
+    // A deck that rises to the drone does not decide the landing while a climb clears it.
+    if let Some(why) = rejection
+        && close
+        && deck.climb != ClimbRoom::Meets
+    {
+        return PhaseTransition::BreakOff(why);
+    }
     if deck.clearance_m < c.flare_clearance_m && (rejection.is_none() || close) {
         let flare = MissionPhase::Flare {
             committed: close,
@@ -163,7 +192,8 @@ pub(super) fn flare(
     let slides = s.slides().filter(|_| deck.clearance_m < MAY_TOUCH_M);
     let hard = hard.or(slides).or_else(|| attitude_lost(deck, s));
     let urgency = urgency(progress, s, c);
-    if let Some(why) = hard.or_else(|| withdrawn(urgency, s).filter(|_| !committed)) {
+    let soft = withdrawn(urgency, s).or_else(|| too_harmful(deck, urgency, s, c));
+    if let Some(why) = hard.or_else(|| soft.filter(|_| !committed)) {
         return PhaseTransition::BreakOff(why);
     }
     let violation = violation(deck, urgency, s, c, blind_limit(deck));
