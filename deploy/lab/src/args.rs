@@ -491,7 +491,7 @@ pub struct StudyArgs {
     /// Trials per row
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = whole::<u32>(1..=1_000_000))]
     pub trials: u32,
-    /// First seed, or random, which no planner reads in a command line [default: 1, in a benchmark its own]
+    /// First seed, or random [default: 1; a benchmark's own]
     #[arg(long, value_name = "SEED", value_parser = seed)]
     pub seed0: Option<u64>,
     /// Threads [default: all cores]
@@ -515,12 +515,12 @@ pub struct StudyArgs {
     #[arg(long, value_name = "SEEDS", value_parser = whole::<u32>(1..=u32::MAX.into()),
         conflicts_with_all = ["shard", "row", "json", "csv", "within"])]
     pub tasks: Option<u32>,
-    /// Write the motion of each scene's deck to CSV: truth, sensors
+    /// Write the decks' motion as CSV: truth, sensors
     ///
     /// Motion of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "tasks", "out", "json", "csv", "within"])]
     pub motion: Option<PathBuf>,
-    /// Fly the flights of this record again that have these rows and seeds, and compare their digests
+    /// Fly these rows again, and compare digests
     #[arg(long, value_name = "result.json", conflicts_with_all = ["shard", "tasks", "motion", "out", "json", "csv", "within"])]
     pub verify: Option<PathBuf>,
     /// End a row once its rate is known to PERCENT %
