@@ -1,10 +1,8 @@
 """Planners and predictors that are functions, and the schemas of their lines."""
 
-import json
-import subprocess
 import unittest
 
-from source import alight
+from source import alight, printed
 
 try:
     import jsonschema
@@ -13,8 +11,7 @@ except ImportError:
 
 
 def validator(name):
-    schema = subprocess.run([alight.program(), "config", "schema", name], stdout=subprocess.PIPE, check=True).stdout
-    return jsonschema.Draft202012Validator(json.loads(schema))
+    return jsonschema.Draft202012Validator(printed("config", "schema", name)["schema"])
 
 
 class Door(unittest.TestCase):
