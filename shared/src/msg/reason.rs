@@ -176,7 +176,8 @@ reasons! {
     /// Duration of steady flight above the deck so far, s.
     NotSteady { "steady for {v_two} s (needs {l_two})" }
     /// Plan too old, or none found by the solver, s.
-    NoPlan { "no fresh plan for {v_two} s (limit {l_two})" }
+    NoPlan { "no fresh plan for {v_two} s (limit {l_two})";
+        if v.is_infinite() => "no plan yet" }
     /// The drone left the cone above the deck, m.
     Deviated { "{v_two} m off the deck's centre (limit {l_two})" }
     /// Deck missed: distance of the feet below it without contact, m.
@@ -199,7 +200,8 @@ reasons! {
         if v == f64::from(DECK_CLOSED) => "the deck is closed: by its crew, by its sensor, or because two drones \
             have one number" }
     /// Newest deck grant too old, s.
-    DeckGrantStale { "newest deck grant {v:.1} s old (limit {l:.1})" }
+    DeckGrantStale { "newest deck grant {v:.1} s old (limit {l:.1})";
+        if v.is_infinite() => "no deck grant of the vessel yet" }
     /// Probability of a landing too low, mainly because of the contact speed.
     LikelyHard { "probability of a landing {likely:.0} % (needs {needed:.0} %): the contact may be hard" }
     /// Probability of a landing too low because of the speed along the deck.
