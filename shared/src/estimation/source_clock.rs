@@ -22,7 +22,7 @@ pub const JITTER_S: f64 = 0.3;
 /// back (as at a leap second) repeats stamps while messages arrive; with a clock set forward, measurements would arrive
 /// before they were made. Two stamps at 1 Hz with jitter are sufficient.
 const STEPPED_S: f64 = 1.0 - JITTER_S;
-/// The same after a silence of the source, s: a backlog is cleared by then.
+/// Time of consistent stamps after a silence of the source, s: a backlog is cleared by then.
 const HELD_UP_S: f64 = 10.0;
 /// Maximum difference at which another offset confirms a smaller one, s.
 const SUPPORT_S: f64 = 0.03;

@@ -186,7 +186,7 @@ pub struct Outcome {
     /// Predicted probability of an unsafe contact at the last descent's start; null when unknown.
     #[serde(default)]
     pub harm: Option<f64>,
-    /// The same at the last flare's start, with which the drone commits itself; null without a flare in the last descent.
+    /// Harm at the last flare's start, the commitment; null without a flare in the last descent.
     #[serde(default)]
     pub committed_harm: Option<f64>,
     /// Simulated time including warm-up, s.

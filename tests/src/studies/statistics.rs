@@ -212,7 +212,7 @@ pub struct Summary {
     pub likelihood: Vec<OddsBin>,
     /// Unsafe contacts of last descents, binned by predicted probability.
     pub harm: Vec<OddsBin>,
-    /// The same by the probability predicted at the commitment.
+    /// Calibration by the probability predicted at the commitment.
     pub committed_harm: Vec<OddsBin>,
     pub metrics: Vec<(&'static str, Option<SampleStatistics>)>,
 }

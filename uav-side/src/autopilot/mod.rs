@@ -312,7 +312,7 @@ impl AutopilotLink {
             set_points_lost: self.falls_back(),
         }
     }
-    /// Whether the autopilot itself, and nobody else, has left the mode of our set-points.
+    /// Whether the autopilot has left the mode of our set-points by itself.
     fn falls_back(&self) -> bool {
         self.stream.loss.is_lost() || self.failsafe.holds()
     }

@@ -110,7 +110,7 @@ impl StudyResult {
         hash(format!("{:?}", self.facts).as_bytes())
     }
 
-    /// What makes rows of this record and of `other` results of different experiments.
+    /// Differences between this record and `other` that make their rows different experiments.
     fn differences(&self, other: &StudyResult) -> Vec<String> {
         let names: BTreeSet<_> = self.facts.keys().chain(other.facts.keys()).collect();
         let difference = |name: &String| {
@@ -143,7 +143,7 @@ impl StudyResult {
         Ok(())
     }
 
-    /// What makes the result less than its study, whose number of scenes is `scenes`.
+    /// Differences between the result and its complete, unaltered study of `scenes` scenes.
     pub fn remarks(&self, outcomes: &[Outcome], scenes: usize) -> Vec<String> {
         let flown: BTreeSet<_> = outcomes.iter().map(|o| &o.sea).collect();
         let flags = self.facts.iter().filter(|(name, _)| name.starts_with("--"));

@@ -26,7 +26,7 @@ use crate::trials::{fly_seed, in_parallel, seeds};
 
 pub struct GridRun<'a> {
     pub study: &'a str,
-    /// What produces the rows.
+    /// Scenes, programs and settings that produce the rows.
     pub result: StudyResult,
     pub trials: u32,
     pub seed0: u64,

@@ -179,7 +179,7 @@ impl Study<'_> {
         }
     }
 
-    /// What makes these rows less than the study, whose scenes are all flown without overrides.
+    /// Differences between these rows and the complete study without overrides.
     fn remarks(&self) -> Vec<String> {
         self.result.remarks(self.outcomes, self.rows.scenes)
     }
