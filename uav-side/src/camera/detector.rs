@@ -1,11 +1,11 @@
-//! Detection of the deck's tags with the AprilTag library of its authors (Wang and Olson 2016), family 36h11.
+//! Detection of the deck's tags in family 36h11.
 
 use alight_shared::config;
 use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
-use apriltag::{Detector, DetectorBuilder, Family, Image};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use super::apriltag::{Family, Library};
 use super::image::GreyImage;
 use super::light::TagLight;
 use super::motion_blur::motion_blur_px2;
@@ -32,12 +32,12 @@ config! {
         /// calibration.
         pub corner_sd_fraction: f64 = 0.0, in 0.0..=0.2;
         /// Standard deviation added in quadrature for tags up to `small_width_px` wide, px.
-        /// Source: Rendered images give 0.23, 16 and 0.2.
+        /// Source: Rendered images give 0.17, 18 and 0.24.
         pub small_sd_px: f64 = 0.3, in 0.0..=20.0;
         /// Width of the tag in the image above which `small_sd_px` decreases with the fourth power of the width, px.
-        pub small_width_px: f64 = 16.0, in 1.0..=1e4;
+        pub small_width_px: f64 = 18.0, in 1.0..=1e4;
         /// Standard deviation added for motion blur, as a fraction of the squared blur over the tag's width.
-        pub motion_blur_sd: f64 = 0.25, in 0.0..=20.0;
+        pub motion_blur_sd: f64 = 0.3, in 0.0..=20.0;
         /// Standard deviation of each tag's position on the deck, each axis, m. Not used for a single tag.
         /// Source: laid by tape on printed lines.
         pub place_sd_m: f64 = 0.002, in 0.0..=0.1;
@@ -88,26 +88,17 @@ pub struct TagCounts {
 pub struct TagDetector {
     settings: TagSettings,
     tags: Tags,
-    library: Option<Detector>,
-    buffer: Option<Image>,
+    /// None if memory ran out; images are then not searched.
+    library: Option<Library>,
     pub counts: TagCounts,
 }
 
 impl TagDetector {
     pub fn new(settings: &TagSettings, tags: &Tags) -> TagDetector {
-        let builder =
-            DetectorBuilder::new().add_family_bits(Family::tag_36h11(), usize::from(settings.bits_corrected));
-        // Fails only if memory runs out; images are then not searched.
-        let mut library = builder.build().ok();
-        if let Some(library) = &mut library {
-            library.set_thread_number(1);
-            library.set_decimation(settings.decimate as f32);
-        }
         TagDetector {
             settings: settings.clone(),
             tags: *tags,
-            library,
-            buffer: None,
+            library: Library::new(Family::Tag36h11, settings.bits_corrected, settings.decimate),
             counts: TagCounts::default(),
         }
     }
@@ -120,28 +111,19 @@ impl TagDetector {
         self.search(image).unwrap_or_default()
     }
     fn search(&mut self, image: &GreyImage) -> Option<Vec<TagDetection>> {
-        let (width, height) = (image.width(), image.height());
-        let fits = |b: &Image| b.width() == width && b.height() == height;
-        if !self.buffer.as_ref().is_some_and(fits) {
-            self.buffer = Image::zeros_with_stride(width, height, width).ok();
-        }
-        let (library, buffer) = (self.library.as_mut()?, self.buffer.as_mut()?);
-        if buffer.as_mut().len() != image.pixels().len() {
-            return None;
-        }
-        buffer.as_mut().copy_from_slice(image.pixels());
+        let library = self.library.as_mut()?;
         let mut best: Vec<TagDetection> = Vec::with_capacity(MAX_TAGS);
-        for found in library.detect(buffer).iter().take(MAX_DETECTIONS) {
-            let Some(tag) = self.tags.iter().find(|tag| usize::from(tag.id) == found.id()) else {
+        for found in library.detect(image).iter().take(MAX_DETECTIONS) {
+            let Some(tag) = self.tags.iter().find(|tag| usize::from(tag.id) == found.id) else {
                 self.counts.other_tags += 1;
                 continue;
             };
-            let corners = in_order(found.corners());
+            let corners = in_order(found.corners);
             let detection = TagDetection {
                 tag: *tag,
                 corners,
-                wrong_bits: found.hamming(),
-                margin: f64::from(found.decision_margin()),
+                wrong_bits: found.wrong_bits,
+                margin: found.margin,
                 motion_blur_px2: motion_blur_px2(image, &corners),
                 light: TagLight::of(image, &corners).unwrap_or_default(),
             };

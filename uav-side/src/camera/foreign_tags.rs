@@ -2,82 +2,73 @@
 //! operator why the deck is not detected; no search for them takes place in flight.
 
 use alight_shared::tags::{ForeignTag, Tags};
-use apriltag::{Detector, DetectorBuilder, Family, Image};
 use nalgebra::Vector2;
 
+use super::apriltag::{Family, Library};
 use super::detector::TagSettings;
 use super::image::GreyImage;
 
 pub struct ForeignTags {
     tags: Tags,
     min_margin: f64,
-    own: Option<Detector>,
-    family_25h9: Option<Detector>,
-    family_41h12: Option<Detector>,
+    own: Option<Library>,
+    family_25h9: Option<Library>,
+    family_41h12: Option<Library>,
     /// Detector of family 16h5 that tolerates three wrong bits of 16. Most patterns satisfy it, so it finds any black
     /// square.
-    squares: Option<Detector>,
+    squares: Option<Library>,
 }
 
 impl ForeignTags {
     /// Detector in which a tag with a wrong bit is ignored.
     pub fn new(settings: &TagSettings, tags: &Tags) -> ForeignTags {
-        let detector = |family: Family, bits: usize| {
-            let mut detector = DetectorBuilder::new()
-                .add_family_bits(family, bits)
-                .build()
-                .ok()?;
-            detector.set_thread_number(1);
-            detector.set_decimation(settings.decimate as f32);
-            Some(detector)
-        };
+        let library = |family, bits| Library::new(family, bits, settings.decimate);
         ForeignTags {
             tags: *tags,
             min_margin: settings.min_margin,
-            own: detector(Family::tag_36h11(), 0),
-            family_25h9: detector(Family::tag_25h9(), 0),
-            family_41h12: detector(Family::tag_standard_41h12(), 0),
-            squares: detector(Family::tag_16h5(), 3),
+            own: library(Family::Tag36h11, 0),
+            family_25h9: library(Family::Tag25h9, 0),
+            family_41h12: library(Family::TagStandard41h12, 0),
+            squares: library(Family::Tag16h5, 3),
         }
     }
     /// Foreign tag in the image; None if the deck's tag is visible or nothing explains its absence.
     pub fn find(&mut self, image: &GreyImage) -> Option<ForeignTag> {
         let (width, height) = (image.width(), image.height());
-        let plain = buffer(width, height, image.pixels())?;
         let margin = self.min_margin;
         let own = self.own.as_mut()?;
-        let numbers = detected(own, &plain, margin);
+        let numbers = detected(own, image, margin);
         if !numbers.is_empty() {
             let is_decks = |id: &usize| self.tags.iter().any(|tag| usize::from(tag.id) == *id);
             let other = numbers.iter().find(|id| !is_decks(id));
             return other.map(|id| ForeignTag::Number(*id as u16));
         }
-        let inverted: Vec<u8> = image.pixels().iter().map(|level| !level).collect();
-        if let Some(id) = detected(own, &buffer(width, height, &inverted)?, margin).first() {
+        let inverted = image.pixels().iter().map(|level| !level).collect();
+        let inverted = GreyImage::new(width, height, inverted).ok()?;
+        if let Some(id) = detected(own, &inverted, margin).first() {
             return Some(ForeignTag::Inverted(*id as u16));
         }
         let rows = image.pixels().chunks_exact(width);
         let mirror: Vec<u8> = rows.flat_map(|row| row.iter().rev().copied()).collect();
         let mirror = GreyImage::new(width, height, mirror).ok()?;
-        let mirrored = buffer(width, height, mirror.pixels())?;
         // A pattern that is not in the family may be a mirror image.
         let squares = self.squares.as_mut()?;
-        let mut is_marked = |image: &GreyImage, of: &Image| {
-            let squares = squares.detect(of);
-            squares.iter().any(|s| is_marker(image, &s.corners(), margin))
+        let mut is_marked = |image: &GreyImage| {
+            let squares = squares.detect(image);
+            squares.iter().any(|s| is_marker(image, &s.corners, margin))
         };
-        if is_marked(image, &plain) || is_marked(&mirror, &mirrored) {
-            if let Some(id) = detected(own, &mirrored, margin).first() {
+        if is_marked(image) || is_marked(&mirror) {
+            if let Some(id) = detected(own, &mirror, margin).first() {
                 return Some(ForeignTag::Mirrored(*id as u16));
             }
-            let is_25h9 = !detected(self.family_25h9.as_mut()?, &plain, margin).is_empty();
+            let is_25h9 = !detected(self.family_25h9.as_mut()?, image, margin).is_empty();
             return Some(if is_25h9 {
                 ForeignTag::Family25h9
             } else {
                 ForeignTag::Unknown
             });
         }
-        if !detected(self.family_41h12.as_mut()?, &plain, margin).is_empty() {
+        if !detected(self.family_41h12.as_mut()?, image, margin).is_empty() {
             return Some(ForeignTag::Family41h12);
         }
         let (length, read) = with_other_rows(image)?;
@@ -86,22 +77,10 @@ impl ForeignTags {
     }
 }
 
-/// Image in the library's format; None if memory runs out.
-fn buffer(width: usize, height: usize, pixels: &[u8]) -> Option<Image> {
-    let mut image = Image::zeros_with_stride(width, height, width).ok()?;
-    if image.as_mut().len() != pixels.len() {
-        return None;
-    }
-    image.as_mut().copy_from_slice(pixels);
-    Some(image)
-}
-
-fn detected(detector: &mut Detector, image: &Image, min_margin: f64) -> Vec<usize> {
-    let found = detector.detect(image);
-    let clear = found
-        .iter()
-        .filter(|f| f64::from(f.decision_margin()) >= min_margin);
-    clear.map(|f| f.id()).collect()
+fn detected(library: &mut Library, image: &GreyImage, min_margin: f64) -> Vec<usize> {
+    let found = library.detect(image);
+    let clear = found.iter().filter(|f| f.margin >= min_margin);
+    clear.map(|f| f.id).collect()
 }
 
 /// Minimum side of a square whose pattern can be assessed, px: four per cell of a tag.
@@ -168,7 +147,7 @@ const ROW_STRIDE: usize = 61;
 /// Row length, bytes, if it differs from the image's width, and the image with rows of that length. Rows of a scene
 /// resemble their neighbours, so the difference between bytes one row apart is smallest at the true row length. Rows of
 /// two widths or more are reduced to one byte per pixel.
-fn with_other_rows(image: &GreyImage) -> Option<(u16, Image)> {
+fn with_other_rows(image: &GreyImage) -> Option<(u16, GreyImage)> {
     let (pixels, width) = (image.pixels(), image.width());
     let differ = |lag: usize| {
         let pairs = pixels.iter().zip(pixels.get(lag..)?).step_by(ROW_STRIDE);
@@ -185,7 +164,7 @@ fn with_other_rows(image: &GreyImage) -> Option<(u16, Image)> {
     let kept: Vec<u8> = pixels.iter().step_by(per_pixel).copied().collect();
     let row = length / per_pixel;
     let whole = kept.get(..kept.len() / row * row)?;
-    let read = buffer(row, whole.len() / row, whole)?;
+    let read = GreyImage::new(row, whole.len() / row, whole.to_vec()).ok()?;
     (length != width).then_some((u16::try_from(length).ok()?, read))
 }
 

@@ -4,6 +4,7 @@
 //! (corners), [`motion_blur`], [`square_pose`] (pose and covariance), [`node`]; [`light`] and [`metering`] (exposure
 //! and gain); [`marked`] (display), [`foreign_tags`] (other tags); [`uvdar`] (second camera).
 
+mod apriltag;
 mod decks;
 pub mod detector;
 pub mod foreign_tags;
