@@ -154,10 +154,13 @@ pub struct BrokenStatement {
 }
 
 /// Judge of the statements of one flight, on the drone's page and on its vessel's.
-#[derive(Default)]
+#[derive(Default, Serialize)]
 pub struct Statements {
+    #[serde(skip)]
     board: Board,
+    #[serde(skip)]
     order: Option<Command>,
+    #[serde(skip)]
     due_ns: i64,
     pub judged: u32,
     pub broken: Vec<BrokenStatement>,
@@ -179,6 +182,16 @@ impl StepObserver for Statements {
 }
 
 impl Statements {
+    pub fn text(&self) -> String {
+        let mut text = format!("statements judged at {} moments", self.judged);
+        for b in &self.broken {
+            text += &format!(
+                "\n{:>6}  broken on the {}'s page, first at {:.1} s: {}\n        {}",
+                b.moments, b.page, b.t_s, b.rule, b.text
+            );
+        }
+        text
+    }
     fn judge(&mut self, t: Time<TrueTime>) {
         let drone = self.board.picture(t);
         let snapshot = &self.board.situation.snapshot;

@@ -91,7 +91,7 @@ pub fn running(instance: &str) -> Value {
 
 /// Asserts that a flight or a recording replays bit for bit; returns the output.
 fn replay(path: &Path) -> String {
-    let out = run(format!("replay {}", path.display()));
+    let out = run(format!("replay --said {}", path.display()));
     let text = printed(&out);
     assert!(
         out.status.success() && text.contains("bit-identical"),

@@ -20,6 +20,7 @@ use alight_shared::time::Span;
 use clap::Args;
 use serde_json::json;
 
+use crate::said::Statements;
 use crate::tools::view::start_viewer;
 
 /// Recording to replay.
@@ -38,6 +39,9 @@ pub struct ReplayArgs {
     /// Draw the last landing to an SVG, by the drone's own estimate: path, displacement, velocities, angles
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+    /// Judge the texts of page and status five times a second, and print each rule that they break
+    #[arg(long)]
+    pub said: bool,
     #[command(flatten)]
     pub view: ViewArgs,
     /// Output format.
@@ -76,6 +80,8 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     // A viewed flight is replayed in real time.
     let is_shown = !log.is_recording() && !observers.is_empty();
     observers.extend(plot.as_mut().map(|p| p.as_mut() as &mut dyn StepObserver));
+    let mut said = args.said.then(Statements::default);
+    observers.extend(said.as_mut().map(|s| s as &mut dyn StepObserver));
     let nodes = contained(path, || {
         let shift = is_shown.then(|| log.utc_ahead()).transpose()?;
         replay(
@@ -96,10 +102,10 @@ pub fn run(args: &ReplayArgs, laboratory: &Laboratory<'_>) -> Result<Exit, CliEr
     if let Some(observer) = observer {
         observer.linger();
     }
-    report(args, &nodes)
+    report(args, &nodes, said.as_ref())
 }
 
-fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
+fn report(args: &ReplayArgs, nodes: &[NodeReplay], said: Option<&Statements>) -> Result<Exit, CliError> {
     let mut table = Table::new(1..3, ["node", "steps", "differs from step", "at"]);
     for n in nodes {
         table.row(cells![
@@ -124,11 +130,15 @@ fn report(args: &ReplayArgs, nodes: &[NodeReplay]) -> Result<Exit, CliError> {
         },
     );
     note(args.form.alone(), table.text());
-    let value = json!({"identical": first.is_none(), "verdict": text, "nodes": nodes});
+    let value = json!({"identical": first.is_none(), "verdict": text, "nodes": nodes, "said": said});
     if !args.form.print(&value, nodes)? {
+        if let Some(said) = said {
+            terminal::line(said.text());
+        }
         terminal::line(verdict(&text, first.is_none()));
     }
-    Ok(Exit::of(first.is_none()))
+    let is_broken = said.is_some_and(|s| !s.broken.is_empty());
+    Ok(Exit::of(first.is_none() && !is_broken))
 }
 
 fn plot(to: &Path, log: &Log, laboratory: &Laboratory<'_>) -> Result<Box<dyn Plot>, CliError> {
