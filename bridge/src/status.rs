@@ -44,13 +44,14 @@ impl StatusReport {
         }
         self.sequence = self.sequence.wrapping_add(1);
         let header = Header::new(config.vessel_id, config.drone_id, boot, self.sequence, now);
-        let distance_m = DroneStatus::deck_distance_m(now, self.drone.as_ref(), self.forecast.as_ref());
+        let from_deck_m = DroneStatus::from_deck_m(now, self.drone.as_ref(), self.forecast.as_ref());
         let armed = self.autopilot.is_some_and(|a| a.armed);
         let still_armed_s = still_armed_s(now, mission, armed, self.disarm_s);
         Some(DroneStatus {
             still_armed_s: still_armed_s.map(|s| s as f32),
             wind: (self.drone.and_then(|d| d.wind)).map(|w| w.map(|v| v as f32)),
-            ..DroneStatus::of(header, mission, self.autopilot.as_ref(), distance_m)
+            gust_mps: (self.drone.and_then(|d| d.gust_mps)).map(|gust| gust as f32),
+            ..DroneStatus::of(header, mission, self.autopilot.as_ref(), from_deck_m)
         })
     }
 }

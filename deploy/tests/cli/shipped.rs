@@ -148,7 +148,7 @@ fn container_copies_what_there_is() {
 
 /// Number of printed keys of each side: those that `alight init` writes, all that a file may set, and the method's. A
 /// new key changes a number here; the two files of `alight init` together have at most 60.
-const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 57, 20]), ("drone", [40, 145, 209])];
+const PRINTED: [(&str, [usize; 3]); 2] = [("vessel", [20, 61, 20]), ("drone", [40, 145, 209])];
 
 #[test]
 fn explanations_and_number_of_keys() {

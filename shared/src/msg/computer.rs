@@ -5,7 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{DeckDimensions, Header, Line, MAX_DEVICES, Seq, Text};
+use super::{DeckDimensions, DeckMotion, Header, Line, MAX_DEVICES, Seq, Text};
 use crate::process::ProcessKind;
 use crate::time::{SteadyClock, VesselTime};
 
@@ -106,6 +106,8 @@ pub struct VesselReport {
     pub peers: Names<MAX_PEERS>,
     /// Names of the real sensors, in the order of the configuration.
     pub sources: Seq<Name, MAX_DEVICES>,
+    /// The crew's limits of the deck's motion.
+    pub limits: DeckMotion,
     /// Certificate of the radio; its file is read once a minute.
     pub certificate: CertificateState,
 }
@@ -126,6 +128,8 @@ pub struct ComputerReport {
     pub disarm_s: Option<f64>,
     /// Greatest tilt of a deck to land on, rad; None on a vessel.
     pub deck_tilt_rad: Option<f64>,
+    /// Force along the deck, as a fraction of the weight, that a parked drone withstands; None on a vessel.
+    pub parked_friction: Option<f64>,
     /// Processes that run and report.
     pub processes: Seq<ProcessKind, MAX_PROCESSES>,
     /// Remark that the configuration was edited after the start.

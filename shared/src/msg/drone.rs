@@ -48,6 +48,8 @@ pub struct DroneState {
     pub wind: Option<[f64; 2]>,
     /// Standard deviation of the wind on its less certain axis, m/s; None until the wind is known.
     pub wind_sd_mps: Option<f64>,
+    /// Greatest speed of the wind in the last 5 to 10 min, m/s; None until the wind is known.
+    pub gust_mps: Option<f64>,
     /// Mean disturbance while the drone followed the deck, NED, m/s², from wind and the vessel's speed; 0 before.
     pub wind_push: [f64; 2],
     /// Standard deviation of gusts about `wind_push` on one axis, m/s²; 0 before.
@@ -76,6 +78,7 @@ impl Default for DroneState {
             disturbance: [0.0; 2],
             wind: None,
             wind_sd_mps: None,
+            gust_mps: None,
             wind_push: [0.0; 2],
             gust_sd: 0.0,
             position_sd: [0.0; 3],
@@ -485,6 +488,7 @@ message!(DroneState, DroneClock, |m| {
     within(&m.disturbance, MAX_ACCELERATION_MPS2) => "disturbance",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
     m.wind_sd_mps.is_none_or(|sd| (0.0..=MAX_SPEED_MPS).contains(&sd)) => "wind_sd_mps",
+    m.gust_mps.is_none_or(|g| (0.0..f64::INFINITY).contains(&g)) => "gust_mps",
     within(&m.wind_push, MAX_ACCELERATION_MPS2) && (0.0..f64::INFINITY).contains(&m.gust_sd) =>
         "wind_push or gust_sd",
     deviations([&m.position_sd, &m.velocity_sd, &m.euler_sd], 1e4) => "standard deviations",

@@ -1,5 +1,7 @@
 //! Status of a drone for its vessel, assembled from the newest reports of the drone's processes.
 
+use nalgebra::Vector2;
+
 use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState, State};
 use crate::time::{DroneClock, DroneTime};
 use crate::topics;
@@ -12,7 +14,7 @@ impl DroneStatus {
         header: Header<DroneClock>,
         mission: &MissionState,
         autopilot: Option<&AutopilotState>,
-        deck_distance_m: Option<f32>,
+        from_deck_m: Option<Vector2<f64>>,
     ) -> DroneStatus {
         let lasts = |a: &&AutopilotState| header.at - a.header.at <= topics::AUTOPILOT.stale_after;
         let autopilot = autopilot.filter(lasts);
@@ -27,13 +29,15 @@ impl DroneStatus {
             battery: (autopilot.and_then(|a| a.battery))
                 .map(|b| mission.battery.map_or(b, |counts| b.min(counts))),
             landed: autopilot.map_or(LandedState::Unknown, |a| a.landed),
-            deck_distance_m,
+            deck_distance_m: from_deck_m.map(|at| at.norm() as f32),
+            bearing: from_deck_m.map(|at| at.y.atan2(at.x) as f32),
             abort: mission.abort,
             order: mission.order,
             armed: autopilot.is_some_and(|a| a.armed),
             still_armed_s: None,
             mission_age_s: (header.at - mission.header.at).secs().max(0.0) as f32,
             wind: None,
+            gust_mps: None,
             station: mission.station.map(|kept| kept.station),
         }
     }
@@ -85,7 +89,8 @@ mod tests {
             battery: Some(0.57),
             ..AutopilotState::default()
         };
-        let sent = |at_s| DroneStatus::of(header(at_s), &mission, Some(&autopilot), Some(1.0));
+        let west = Vector2::new(0.0, -1.0);
+        let sent = |at_s| DroneStatus::of(header(at_s), &mission, Some(&autopilot), Some(west));
         let fresh = sent(10.1);
         assert!(fresh.is_current() && fresh.armed && fresh.landed == LandedState::InAir);
         assert_eq!((fresh.state, fresh.battery), (State::Descent, Some(0.57)));
@@ -93,7 +98,8 @@ mod tests {
         assert!(!old.is_current() && !old.armed);
         assert!((old.mission_age_s - 10.0).abs() < 1e-6);
         assert_eq!((old.landed, old.battery), (LandedState::Unknown, None));
-        assert_eq!(old.deck_distance_m, Some(1.0), "deck_distance_m checks its age");
+        assert_eq!(old.deck_distance_m, Some(1.0), "from_deck_m checks its age");
+        assert_eq!(old.bearing.map(f32::to_degrees), Some(-90.0));
         let unlinked = DroneStatus::of(header(10.1), &mission, None, None);
         assert!(unlinked.is_current() && unlinked.battery.is_none());
     }

@@ -79,6 +79,8 @@ pub struct WindCheckpoint {
     pub mean: [f64; 2],
     /// Variance of the disturbance on one axis, (m/s²)².
     pub variance: f64,
+    /// Greatest wind speeds of the previous and the present span, m/s, and the age of the latter, s.
+    pub gusts: [f64; 3],
 }
 
 impl WindCheckpoint {
@@ -88,7 +90,7 @@ impl WindCheckpoint {
             .iter()
             .flatten()
             .chain(self.covariance.iter().flatten());
-        within(learnt.chain(&self.way).chain(&self.mean), 1e4)
+        within(learnt.chain(&self.way).chain(&self.mean).chain(&self.gusts), 1e4)
             && deviations([&[self.known_s, self.variance]], 1e4)
     }
 }

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -438,6 +438,8 @@ pub struct DroneStatus {
     pub landed: LandedState,
     /// Horizontal distance from the deck's centre by odometry and forecast, m; None while either is old.
     pub deck_distance_m: Option<f32>,
+    /// Direction from the deck's centre to the drone, clockwise from north, rad; known with the distance.
+    pub bearing: Option<f32>,
     /// Boot and sequence of the newest abort received by the mission.
     pub abort: Option<[u32; 2]>,
     /// Boot and sequence of the newest other order received, accepted or rejected.
@@ -450,6 +452,8 @@ pub struct DroneStatus {
     pub mission_age_s: f32,
     /// True wind, north and east, m/s, once known to within 3 m/s.
     pub wind: Option<[f32; 2]>,
+    /// Greatest speed of the wind in the last 5 to 10 min, m/s; known with the wind.
+    pub gust_mps: Option<f32>,
     /// Station that the drone keeps or flies to.
     pub station: Option<Station>,
 }
@@ -501,26 +505,27 @@ impl fmt::Display for Charge {
 }
 
 impl DroneStatus {
-    /// Horizontal distance between odometry and the forecast deck's centre, m; None if one is missing or old.
-    pub fn deck_distance_m(
+    /// Position by odometry relative to the forecast deck's centre, north and east, m; None if one is missing or old.
+    pub fn from_deck_m(
         now: DroneTime,
         own: Option<&DroneState>,
         forecast: Option<&DeckForecast>,
-    ) -> Option<f32> {
+    ) -> Option<Vector2<f64>> {
         let own = own.filter(|m| now - m.header.at <= topics::DRONE_STATE.stale_after)?;
         let forecast = forecast.filter(|m| now - m.header.at <= topics::FORECAST.stale_after)?;
         let deck = forecast.stages.first()?;
-        let from_deck = Vector3::from(own.position) - Vector3::from(deck.position);
-        Some(from_deck.xy().norm() as f32)
+        Some((Vector3::from(own.position) - Vector3::from(deck.position)).xy())
     }
 }
 
 message!(DroneStatus, DroneClock, |m| {
     m.battery.is_none_or(|b| FRACTION.contains(&b)) => "battery",
     m.deck_distance_m.is_none_or(|d| d >= 0.0) => "deck_distance_m",
+    m.bearing.is_none_or(f32::is_finite) => "bearing",
     m.still_armed_s.is_none_or(|s| s >= 0.0) => "still_armed_s",
     m.mission_age_s >= 0.0 => "mission_age_s",
     m.wind.is_none_or(|w| within(&w, MAX_SPEED_MPS)) => "wind",
+    m.gust_mps.is_none_or(|g| g >= 0.0) => "gust_mps",
     m.station.is_none_or(|station| station.is_sane() && station.height_m > 0) => "station",
 });
 message!(MissionState, DroneClock, |m| {

@@ -103,6 +103,11 @@ impl WindEstimator {
         let sd = p[(1, 1)].max(p[(2, 2)]).max(0.0).sqrt();
         Some((mean(&x), sd))
     }
+    /// Present speed of the wind with its gust, m/s.
+    pub(super) fn speed(&self) -> Option<f64> {
+        let (x, _) = self.state?;
+        Some((mean(&x) + gust(&x)).norm())
+    }
     /// Standard deviation of one axis of the gusts' acceleration on a drone that moves at `v`, m/s².
     pub(super) fn gust_sd(&self, v: &Vector2<f64>) -> Option<f64> {
         let (x, _) = self.state?;

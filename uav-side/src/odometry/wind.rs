@@ -18,6 +18,8 @@ const MEMORY_S: f64 = 60.0;
 const FOLLOWS_MPS: f64 = 1.2;
 /// Standard deviation of the wind above which it is not published, m/s.
 const KNOWN_SD_MPS: f64 = 3.0;
+/// Half the time over which the greatest wind speed is stated, s: meteorology takes 10 min.
+const GUST_SPAN_S: f64 = 300.0;
 
 /// Estimates mean and gusts of the acceleration due to wind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,6 +34,8 @@ pub(crate) struct WindMonitor {
     mean: Vector2<f64>,
     /// Variance of one axis, (m/s²)².
     variance: f64,
+    /// Greatest wind speed in the previous and in the present span, m/s, and the age of the latter, s.
+    gusts: [f64; 3],
 }
 
 impl WindMonitor {
@@ -43,6 +47,7 @@ impl WindMonitor {
             known_s: m.known_s,
             mean: m.mean.into(),
             variance: m.variance,
+            gusts: m.gusts,
         }
     }
     pub(crate) fn checkpoint(&self) -> WindCheckpoint {
@@ -54,6 +59,7 @@ impl WindMonitor {
             way: self.way.into(),
             mean: self.mean.into(),
             variance: self.variance,
+            gusts: self.gusts,
         }
     }
 
@@ -72,6 +78,7 @@ impl WindMonitor {
             return;
         }
         self.air.update(&d.disturbance(), &velocity, dt);
+        self.observe_gusts(dt);
         if !deck.is_some_and(|deck| (velocity - deck).norm() <= FOLLOWS_MPS) {
             return;
         }
@@ -83,12 +90,25 @@ impl WindMonitor {
         self.variance += fraction * (0.5 * off.norm_squared() * (1.0 - fraction) - self.variance);
     }
 
+    fn observe_gusts(&mut self, dt: f64) {
+        let known = self.air.wind().is_some_and(|(_, sd)| sd < KNOWN_SD_MPS);
+        let Some(speed) = self.air.speed().filter(|_| known) else {
+            return;
+        };
+        let [before, greatest, age_s] = self.gusts;
+        self.gusts = [before, greatest.max(speed), age_s + dt];
+        if age_s > GUST_SPAN_S {
+            self.gusts = [self.gusts[1], 0.0, 0.0];
+        }
+    }
+
     /// Writes the wind into `d`. The published mean disturbance is that of a drone at the deck's mean velocity, because
     /// a drone that follows the deck's motion has an additional apparent wind.
     fn publish(&self, d: &mut DroneState) {
         let wind = self.air.wind().filter(|(_, sd)| *sd < KNOWN_SD_MPS);
         d.wind = wind.map(|(wind, _)| wind.into());
         d.wind_sd_mps = wind.map(|(_, sd)| sd);
+        d.gust_mps = wind.map(|_| self.gusts[0].max(self.gusts[1]));
         d.wind_push = self.mean.into();
         d.gust_sd = self.gust_sd();
     }

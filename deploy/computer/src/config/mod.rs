@@ -32,6 +32,21 @@ const OF_DRONE: &str = "this is a drone's file: name the vessel's here, and this
 const OF_VESSEL: &str = "this is a vessel's file: name the drone's here, and this one as --vessel-config or by alight vessel --config";
 
 config! {
+    /// The crew's limits of the deck's motion in the last 20 minutes. Beyond one of them the vessel says NO-GO.
+    /// Source: helidecks have such limits (CAP 437); unlimited until the crew sets them.
+    pub struct DeckLimits {
+        /// Greatest roll, deg.
+        pub roll_deg: f64 = 90.0, in 0.0..=90.0;
+        /// Greatest pitch, deg.
+        pub pitch_deg: f64 = 90.0, in 0.0..=90.0;
+        /// Greatest inclination, deg.
+        pub inclination_deg: f64 = 90.0, in 0.0..=90.0;
+        /// Greatest significant heave rate, m/s.
+        pub heave_rate_mps: f64 = 10.0, in 0.0..=10.0;
+    }
+}
+
+config! {
     /// Configuration of the vessel's computer.
     pub struct VesselComputerConfig {
         /// Number of this vessel.
@@ -47,6 +62,8 @@ config! {
         pub radio: RadioConfig = RadioConfig::listening("udp/0.0.0.0:7447", TlsConfig::default()), table;
         /// Reservation of the deck by drones.
         pub deck: DeckConfig;
+        /// Limits of the deck's motion.
+        pub limits: DeckLimits;
         /// Directory and size of the recorded flights.
         pub recorder: RecorderConfig;
         /// View in a browser.

@@ -3,7 +3,10 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_shared::msg::{CertificateState, ComputerReport, Header, Line, Name, Names, Seq, VesselReport};
+use alight_shared::landing::SupportPolygon;
+use alight_shared::msg::{
+    CertificateState, ComputerReport, DeckMotion, Header, Line, Name, Names, Seq, VesselReport,
+};
 use alight_shared::time::Time;
 use alight_transport::clock::ProcessClock;
 use alight_transport::memory::{Memory, Publisher};
@@ -27,14 +30,17 @@ pub struct Facts {
 impl Facts {
     pub fn drone(computer: &DroneComputerConfig) -> Facts {
         let bridge = &computer.bridge;
+        let nodes = &computer.drone;
+        let support = SupportPolygon::on(&nodes.deck, &nodes.airframe, nodes.mission.friction);
         let title = format!("drone {}, {}", bridge.drone_id, computer.instance);
         Facts {
             report: ComputerReport {
                 header: Header::new(bridge.vessel_id, bridge.drone_id, 0, 0, Time::EPOCH),
                 title: title.as_str().into(),
                 drone_id: Some(bridge.drone_id),
-                deck: Some(computer.drone.deck.dimensions()),
-                deck_tilt_rad: Some(computer.drone.mission.deck_tilt_rad),
+                deck: Some(nodes.deck.dimensions()),
+                deck_tilt_rad: Some(nodes.mission.deck_tilt_rad),
+                parked_friction: Some(support.friction),
                 disarm_s: Some(computer.autopilot.disarm.longest_s()),
                 processes: Seq::filled(computer.processes()),
                 knots: computer.view.knots,
@@ -47,7 +53,15 @@ impl Facts {
     pub fn vessel(computer: &VesselComputerConfig) -> Facts {
         let radio = &computer.radio;
         let sources = &computer.sensor.sources;
+        let limits = &computer.limits;
         let vessel = VesselReport {
+            limits: DeckMotion {
+                samples: 0,
+                roll: limits.roll_deg.to_radians(),
+                pitch: limits.pitch_deg.to_radians(),
+                inclination: limits.inclination_deg.to_radians(),
+                heave_rate: limits.heave_rate_mps,
+            },
             listen: Names::of(&radio.listen),
             connect: Names::of(&radio.connect),
             peers: Names::of(&radio.tls.peers),

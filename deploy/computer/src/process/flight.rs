@@ -172,13 +172,10 @@ impl FlightLog {
         let was = self.states.get(&None).map(|s| s.0);
         self.state(now_ns, None, m.state, m.entered, m.waiting);
         if m.state == State::Landed && was.is_some_and(|s| s != State::Landed) {
-            let apart = DroneStatus::deck_distance_m(
-                m.header.at,
-                snapshot.drone.as_ref(),
-                snapshot.forecast.as_ref(),
-            );
-            if let Some(m) = apart {
-                self.set("off_centre_m", f64::from(m));
+            let apart =
+                DroneStatus::from_deck_m(m.header.at, snapshot.drone.as_ref(), snapshot.forecast.as_ref());
+            if let Some(from_deck) = apart {
+                self.set("off_centre_m", from_deck.norm());
             }
         }
         self.set("descents", f64::from(m.attempts));

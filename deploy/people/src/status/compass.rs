@@ -1,11 +1,12 @@
 use alight_computer::situation::ObservedSituation;
 use alight_shared::frames::wrap_angle;
 use alight_shared::geodesy::KNOT_MPS;
-use alight_shared::msg::{CourseAdvice, VesselStatus, Wind};
+use alight_shared::msg::{CourseAdvice, DeckForecast, DroneContact, VesselStatus, Wind};
 use serde::Serialize;
 
 use super::Figure;
 use super::go::descends;
+use super::vessel::LOST_CONTACT_S;
 
 /// Minimum speed for a course over ground to be shown, m/s.
 const STILL_MPS: f64 = 0.3;
@@ -23,7 +24,17 @@ pub struct Compass {
     pub waves_from_deg: Option<f64>,
     /// Heading advised before a landing, if turning is worthwhile.
     pub advised_deg: Option<f64>,
+    /// Drones that the vessel receives.
+    pub drones: Vec<DroneBearing>,
     pub text: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DroneBearing {
+    pub number: u32,
+    /// Position relative to the deck's centre: forward and to starboard, m.
+    pub at: [f64; 2],
+    pub stale: bool,
 }
 
 pub fn wind(wind: Wind, knots: bool) -> String {
@@ -70,11 +81,45 @@ pub fn bow_text(from_bow_deg: f64) -> String {
     }
 }
 
+/// Wind as a drone has measured it, and the vessel's way: velocities to north and east, m/s.
+#[derive(Clone, Copy, Default)]
+pub struct Air {
+    pub wind: [f64; 2],
+    pub sd_mps: f64,
+    /// Greatest speed of the last minutes.
+    pub gust_mps: Option<f64>,
+    pub way: Option<[f64; 2]>,
+}
+
+/// Gust of the last minutes, unless it is close to the mean `speed`, both m/s.
+pub fn gust(gust_mps: Option<f64>, speed: f64, knots: bool) -> String {
+    let (scale, unit) = if knots { (KNOT_MPS, "kn") } else { (1.0, "m/s") };
+    let gust = gust_mps.filter(|gust| *gust >= speed + 1.0);
+    gust.map_or_else(String::new, |gust| format!(", gusts {:.0} {unit}", gust / scale))
+}
+
+/// Text of the wind that a deck under way feels; empty for a vessel at rest.
+fn over_the_deck(air: &Air, heading_deg: f64, knots: bool) -> String {
+    let [north, east] = air.way.unwrap_or_default();
+    if north.hypot(east) < STILL_MPS {
+        return String::new();
+    }
+    let felt = Wind::towards([air.wind[0] - north, air.wind[1] - east]);
+    let text = wind(felt, knots);
+    let speed = text.split(" from").next().unwrap_or_default();
+    let from = bow_text(from_bow(felt.from_deg as f64, heading_deg));
+    if text == CALM {
+        return "; none over the deck".into();
+    }
+    format!("; over the deck {speed} from {from}")
+}
+
 /// Direction from which the wind blows, deg from the bow, and its text. None if the wind is unknown or calm.
-fn wind_from_bow(blows: Option<Wind>, sd_mps: f64, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
-    let Some(blows) = blows else {
+fn wind_from_bow(air: Option<Air>, heading_deg: f64, knots: bool) -> (Option<f64>, String) {
+    let Some(air) = air else {
         return (None, "wind unknown".into());
     };
+    let (blows, sd_mps) = (Wind::towards(air.wind), air.sd_mps);
     if wind(blows, false) == CALM {
         return (None, CALM.into());
     }
@@ -84,7 +129,12 @@ fn wind_from_bow(blows: Option<Wind>, sd_mps: f64, heading_deg: f64, knots: bool
     let from = from_bow(blows.from_deg as f64, heading_deg);
     let speed = wind(blows, knots);
     let speed = speed.split(" from").next().unwrap_or_default();
-    (Some(from), format!("wind {speed} from {}", bow_text(from)))
+    let gust = gust(air.gust_mps, blows.speed_mps, knots);
+    let over = over_the_deck(&air, heading_deg, knots);
+    (
+        Some(from),
+        format!("wind {speed}{gust} from {}{over}", bow_text(from)),
+    )
 }
 
 /// The vessel's advice, except during a descent, which a turn would break off.
@@ -103,20 +153,26 @@ pub fn of_drone(s: &ObservedSituation) -> Option<Compass> {
         .mean_heading
         .to_degrees()
         .rem_euclid(360.0);
-    let drone = s.snapshot.drone.fresh(s.now_ns);
-    let blows = drone.and_then(|d| d.wind).map(Wind::towards);
-    let sd_mps = drone.and_then(|d| d.wind_sd_mps).unwrap_or_default();
-    Some(compass(heading_deg, blows, sd_mps, advised(s), s.known.knots))
+    let way = mean_velocity(s.snapshot.forecast.as_ref()?);
+    let air = s.snapshot.drone.fresh(s.now_ns).and_then(|d| {
+        Some(Air {
+            wind: d.wind?,
+            sd_mps: d.wind_sd_mps.unwrap_or_default(),
+            gust_mps: d.gust_mps,
+            way: Some(way),
+        })
+    });
+    Some(compass(heading_deg, air, advised(s), s.known.knots))
 }
 
-fn compass(
-    heading_deg: f64,
-    blows: Option<Wind>,
-    sd_mps: f64,
-    received: Option<CourseAdvice>,
-    knots: bool,
-) -> Compass {
-    let (wind_from_deg, wind) = wind_from_bow(blows, sd_mps, heading_deg, knots);
+/// Mean velocity of the vessel in the forecast, north and east, m/s.
+pub fn mean_velocity(forecast: &DeckForecast) -> [f64; 2] {
+    let n = forecast.stages.len().max(1) as f64;
+    [0, 1].map(|k: usize| forecast.stages.iter().map(|s| s.velocity[k]).sum::<f64>() / n)
+}
+
+fn compass(heading_deg: f64, air: Option<Air>, received: Option<CourseAdvice>, knots: bool) -> Compass {
+    let (wind_from_deg, wind) = wind_from_bow(air, heading_deg, knots);
     let (waves_from_deg, advised_deg) = received.as_ref().map(of_advice).unzip();
     let advice = received.map(|a| format!("; {}", advice(&a, knots)));
     Compass {
@@ -124,6 +180,7 @@ fn compass(
         wind_from_deg,
         waves_from_deg,
         advised_deg: advised_deg.flatten(),
+        drones: Vec::new(),
         text: wind + &advice.unwrap_or_default(),
     }
 }
@@ -187,15 +244,41 @@ pub fn advised_aboard(status: &VesselStatus) -> Option<CourseAdvice> {
     }
 }
 
-/// Compass of the vessel, from its estimate and the wind that a drone has reported.
-pub fn of_vessel(status: &VesselStatus, blows: Option<Wind>, knots: bool) -> Option<Compass> {
-    let heading_deg = bearing_deg(status.estimator.heading?);
-    let received = advised_aboard(status);
-    Some(compass(heading_deg, blows, REPORTED_SD_MPS, received, knots))
+/// Compass of the vessel, from its estimate and the drones' reports; `blowing`: wind and gust that a drone has reported.
+pub fn of_vessel(
+    status: &VesselStatus,
+    blowing: Option<([f64; 2], Option<f64>)>,
+    knots: bool,
+) -> Option<Compass> {
+    let heading = status.estimator.heading?;
+    let air = blowing.map(|(wind, gust_mps)| Air {
+        wind,
+        sd_mps: REPORTED_SD_MPS,
+        gust_mps,
+        way: status.estimator.mean_velocity,
+    });
+    let drones = status.drones.iter().filter_map(|d| seen(d, heading));
+    Some(Compass {
+        drones: drones.collect(),
+        ..compass(bearing_deg(heading), air, advised_aboard(status), knots)
+    })
+}
+
+/// Position of a drone in the plan view of a vessel with this heading, rad.
+fn seen(d: &DroneContact, heading: f32) -> Option<DroneBearing> {
+    let (sin, cos) = (d.status.bearing? - heading).sin_cos();
+    let away = d.status.deck_distance_m?;
+    Some(DroneBearing {
+        number: d.status.header.drone,
+        at: [away * cos, away * sin].map(|m| f64::from((10.0 * m).round() / 10.0)),
+        stale: d.age_s > LOST_CONTACT_S,
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use alight_shared::msg::{DroneStatus, Seq};
+
     use super::*;
 
     #[test]
@@ -225,6 +308,21 @@ mod tests {
     }
 
     #[test]
+    fn wind_over_a_deck_under_way() {
+        let over = |wind: [f64; 2], way: [f64; 2]| {
+            let air = Air {
+                wind,
+                way: Some(way),
+                ..Air::default()
+            };
+            over_the_deck(&air, 90.0, false)
+        };
+        assert_eq!(over([-6.2, 0.0], [0.0; 2]), "");
+        assert_eq!(over([0.0, 5.0], [0.0, 5.0]), "; none over the deck");
+        assert_eq!(over([0.0, -5.0], [0.0, 3.0]), "; over the deck 8 m/s from ahead");
+    }
+
+    #[test]
     fn advised_heading_of_a_vessel() {
         let mut status = VesselStatus::default();
         assert_eq!(of_vessel(&status, None, false), None);
@@ -240,11 +338,25 @@ mod tests {
         };
         status.estimator.advice = Some(a);
         status.estimator.heading = Some(a.heading[0]);
-        let compass = of_vessel(&status, Some(Wind::towards([-6.2, 0.0])), false).unwrap();
+        let drone = DroneStatus {
+            deck_distance_m: Some(20.0),
+            bearing: Some(rad(80.0)),
+            ..DroneStatus::default()
+        };
+        status.drones = Seq::filled([DroneContact {
+            age_s: 0.1,
+            status: drone,
+        }]);
+        let blowing = Some(([-6.2, 0.0], Some(9.0)));
+        let compass = of_vessel(&status, blowing, false).unwrap();
+        assert_eq!(
+            (compass.drones[0].at, compass.drones[0].stale),
+            ([0.0, 20.0], false)
+        );
         assert!(
             compass
                 .text
-                .starts_with("wind 6 m/s from 10° to starboard of the bow; waves from ")
+                .starts_with("wind 6 m/s, gusts 9 m/s from 10° to starboard of the bow; waves from ")
         );
         assert_eq!(compass.wind_from_deg, Some(10.0));
         assert_eq!(

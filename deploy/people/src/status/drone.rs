@@ -4,10 +4,12 @@ use alight_computer::io::mavlink_key;
 use alight_computer::process::snapshot::{minutes, time};
 use alight_computer::situation::ObservedSituation;
 use alight_shared::geodesy::Datum;
+use alight_shared::geometry::GRAVITY;
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, DroneStatus, LandedState, LandingMode,
-    MissionState, ReasonCode, ShadowComparison, State, TwoDigits, VesselLevel, Wind, still_armed,
+    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, DeckStage, DroneStatus, LandedState,
+    LandingMode, MissionState, ReasonCode, ShadowComparison, State, TwoDigits, VesselLevel, Wind,
+    still_armed,
 };
 use alight_shared::process::{ProcessKind, ProcessState};
 use alight_shared::time::Time;
@@ -54,6 +56,7 @@ pub fn findings(s: &ObservedSituation) -> Vec<Finding> {
     if let Some(tag) = s.process(ProcessKind::Camera).and_then(ProcessState::foreign_tag) {
         all.push(FindingTopic("camera").warning(tag.to_string(), tag.remedy()));
     }
+    all.extend(parked(s));
     all.extend(link(s));
     all.extend(battery_low(s));
     if s.snapshot
@@ -206,6 +209,24 @@ fn known_otherwise(s: &ObservedSituation) -> Option<&'static str> {
 /// Displayed minus usable charge, as a fraction of a full battery, above which the gauge is not trusted.
 const DOUBTED: f64 = 0.02;
 /// Finding on a battery that is too low for the flight to the deck and one attempt.
+/// Alarm if deck and wind pull a landed drone along the deck with more than its feet hold.
+fn parked(s: &ObservedSituation) -> Option<Finding> {
+    let landed = s.snapshot.mission.is_some_and(|m| m.state == State::Landed);
+    let forecast = s.snapshot.forecast.fresh(s.now_ns).filter(|_| landed)?;
+    let holds = s.known.parked_friction?;
+    let slope = |stage: &DeckStage| stage.euler[0].tan().hypot(stage.euler[1].tan());
+    let steepest = forecast.stages.iter().map(slope).fold(0.0, f64::max);
+    let wind = s.snapshot.drone.map_or([0.0; 2], |d| d.wind_push);
+    let pull = steepest + wind[0].hypot(wind[1]) / GRAVITY;
+    let found = format!(
+        "slope and wind pull the parked drone with {:.0} % of its weight; its feet hold {:.0} %",
+        100.0 * pull,
+        100.0 * holds
+    );
+    (pull > holds)
+        .then(|| FindingTopic("deck").broken(found, "lash it down, or turn the boat into the waves"))
+}
+
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {
     let mission = s.snapshot.mission.as_ref()?;
     let reserve = mission.battery_reserve;
@@ -477,10 +498,16 @@ fn deck(s: &ObservedSituation) -> Figure {
 
 fn wind(s: &ObservedSituation) -> Figure {
     const NAME: &str = "wind";
-    match s.snapshot.drone.and_then(|d| Some((d.wind?, d.wind_sd_mps))) {
+    match s
+        .snapshot
+        .drone
+        .and_then(|d| Some((d.wind?, d.wind_sd_mps, d.gust_mps)))
+    {
         None => Figure::unknown(NAME),
-        Some((wind, sd_mps)) => {
-            let text = compass::wind(Wind::towards(wind), s.known.knots);
+        Some((wind, sd_mps, gust_mps)) => {
+            let wind = Wind::towards(wind);
+            let gust = compass::gust(gust_mps, wind.speed_mps, s.known.knots);
+            let text = compass::wind(wind, s.known.knots) + &gust;
             let note = sd_mps.map_or(String::new(), |sd| compass::known_to(sd, s.known.knots));
             Figure::of(NAME, text, note).stale(s.snapshot.drone.is_old(s.now_ns))
         }

@@ -143,7 +143,7 @@ impl Status {
                 let state = vessel::state(&situation, status);
                 let figures = vessel::figures(&situation, known, status);
                 let headline = vessel::headline(&situation, worst);
-                let compass = compass::of_vessel(status, vessel::wind(status), situation.known.knots);
+                let compass = compass::of_vessel(status, vessel::blowing(status), situation.known.knots);
                 (state, headline, figures, compass)
             }
             None => {

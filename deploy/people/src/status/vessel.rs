@@ -5,8 +5,8 @@ use alight_computer::situation::ObservedSituation;
 use alight_computer::vessel::{deck_inputs, helm_lamp};
 use alight_shared::metrics::MetricName;
 use alight_shared::msg::{
-    CertificateState, Charge, Closure, Course, CourseAdvice, DeckStatus, DroneContact, DroneStatus,
-    EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, Wind, still_armed,
+    CertificateState, Charge, Closure, Course, CourseAdvice, DeckMotion, DeckStatus, DroneContact,
+    DroneStatus, EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, still_armed,
 };
 use alight_shared::process::ProcessKind;
 
@@ -30,6 +30,7 @@ pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStat
     });
     all.push(unauthorised_peers(s, known));
     all.extend(deck(status));
+    all.extend(beyond_limits(&status.estimator.greatest, &known.limits));
     all.extend(course_findings(&status.deck));
     all.extend(compass::advised_aboard(status).map(|a| advised_course(&a, s.known.knots)));
     all.extend(drones(status));
@@ -313,9 +314,10 @@ fn foremost_go(status: &VesselStatus) -> Option<Go> {
     windless.then(|| Go::unknown(format!("drone {number}: {}", go::NO_WIND)))
 }
 
-pub fn wind(status: &VesselStatus) -> Option<Wind> {
-    let newest = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S)?;
-    Some(Wind::towards(newest.status.wind?.map(f64::from)))
+/// Wind, north and east, and gust that the foremost drone reports, m/s.
+pub fn blowing(status: &VesselStatus) -> Option<([f64; 2], Option<f64>)> {
+    let newest = foremost(status).filter(|d| d.age_s <= LOST_CONTACT_S)?.status;
+    Some((newest.wind?.map(f64::from), newest.gust_mps.map(f64::from)))
 }
 
 pub fn state(s: &ObservedSituation, status: &VesselStatus) -> Option<StateView> {
@@ -407,6 +409,33 @@ fn speed(e: &EstimatorStatus, knots: bool) -> Figure {
         });
         Figure::of("speed", speed, note)
     })
+}
+
+/// First of the crew's limits that the deck's motion of the last 20 minutes exceeds.
+fn beyond_limits(m: &DeckMotion, limits: &DeckMotion) -> Option<Finding> {
+    let deg = 1f64.to_radians();
+    let rows = [
+        ("roll", m.roll, limits.roll, deg, "deg"),
+        ("pitch", m.pitch, limits.pitch, deg, "deg"),
+        ("inclination", m.inclination, limits.inclination, deg, "deg"),
+        (
+            "significant heave rate",
+            m.heave_rate,
+            limits.heave_rate,
+            1.0,
+            "m/s",
+        ),
+    ];
+    let mut beyond = rows.iter().filter(|(_, value, limit, ..)| value > limit);
+    let (name, value, limit, scale, unit) = beyond.next()?;
+    Some(FindingTopic("greatest").stopping(
+        format!(
+            "{name} {:.1} {unit} in the last 20 min, limit {:.1}",
+            value / scale,
+            limit / scale
+        ),
+        "wait for less motion, or take the advised course; the crew's limits are in [limits]",
+    ))
 }
 
 fn greatest(e: &EstimatorStatus) -> Option<Figure> {

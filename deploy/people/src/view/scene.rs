@@ -5,6 +5,7 @@ use alight_shared::frames::wrap_angle;
 use alight_shared::msg::{DeckForecast, DeckStage, Plan};
 use alight_shared::time::{DroneClock, Span, Time};
 
+use crate::status::compass::mean_velocity;
 use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
 
 const PATH_STEP: usize = 2;
@@ -106,9 +107,8 @@ fn contact(
 
 /// Mean velocity of the vessel in the forecast, forward and to starboard, m/s.
 fn way(forecast: &DeckForecast) -> [f64; 2] {
-    let sum = |k: usize| forecast.stages.iter().map(|s| s.velocity[k]).sum::<f64>();
-    let n = forecast.stages.len().max(1) as f64;
-    let [forward, right, _] = place([sum(0) / n, sum(1) / n, 0.0], [0.0; 3], forecast.mean_heading);
+    let [north, east] = mean_velocity(forecast);
+    let [forward, right, _] = place([north, east, 0.0], [0.0; 3], forecast.mean_heading);
     [tenth(forward), tenth(right)]
 }
 

@@ -459,3 +459,29 @@ fn probability_and_waiting_by_state() {
         (None, false)
     );
 }
+
+#[test]
+fn parked_drone_on_a_steep_deck() {
+    let mut snapshot = flying();
+    snapshot.mission = came(mission(State::Landed, ReasonCode::None));
+    snapshot.computer = ComputerReport {
+        parked_friction: Some(0.4),
+        ..reported()
+    }
+    .into();
+    let mut deck = |roll: f64| {
+        let stage = DeckStage {
+            euler: [roll, 0.0, 0.0],
+            ..DeckStage::default()
+        };
+        snapshot.forecast = came(DeckForecast {
+            stages: Seq::filled([stage]),
+            ..DeckForecast::default()
+        });
+        let found = status(&snapshot, NOW_NS).findings;
+        found
+            .into_iter()
+            .any(|f| f.topic == "deck" && f.level == FindingLevel::Broken)
+    };
+    assert!(!deck(0.3) && deck(0.5));
+}

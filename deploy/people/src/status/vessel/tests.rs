@@ -74,6 +74,13 @@ fn status(v: &Vessel, now_s: i64) -> Status {
         peers: Names::of(&["drone-1".into()]),
         certificate: v.certificate,
         sources: Seq::filled(["receiver".into()]),
+        limits: DeckMotion {
+            samples: 0,
+            roll: 0.2,
+            pitch: 0.2,
+            inclination: 0.2,
+            heave_rate: 1.0,
+        },
         ..VesselReport::default()
     };
     let reported = ComputerReport {
@@ -119,7 +126,17 @@ fn vessel_speed_while_it_is_known() {
 }
 
 /// Changes to a vessel, each with the level and topic of the resulting finding.
-const FAULTS: [(Change<'static>, FindingLevel, &str); 26] = [
+const FAULTS: [(Change<'static>, FindingLevel, &str); 28] = [
+    (
+        &|w| w.status.estimator.greatest.inclination = 0.21,
+        FindingLevel::Warning,
+        "greatest",
+    ),
+    (
+        &|w| w.status.estimator.greatest.heave_rate = 1.1,
+        FindingLevel::Warning,
+        "greatest",
+    ),
     (
         &|w| w.status.deck.closed = Some(Closure::Crew),
         FindingLevel::Warning,

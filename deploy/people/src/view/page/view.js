@@ -645,9 +645,10 @@ function drawAbove(scene, compass) {
   const narrow = width < 300;
   const centre = [width / 2, height / 2 - 4];
   const radius = 0.5 * Math.min(width - (narrow ? 0 : 40), height - 20) - 24;
+  const others = scene ? [] : compass.drones;
   const at = scene && scene.drone ? scene.drone.at : [0, 0, 0];
   const size = (scene && scene.size_m) || [2, 2];
-  const reach = nice(Math.max(1.1 * Math.hypot(at[0], at[1]), 1.2 * size[0]));
+  const reach = nice(Math.max(1.2 * size[0], ...[at, ...others.map((d) => d.at)].map(([f, r]) => 1.1 * Math.hypot(f, r))));
   const scale = radius / reach;
   rings(pen, centre, scale, reach);
   const to = ([forward, right]) => [centre[0] + scale * right, centre[1] - scale * forward];
@@ -655,7 +656,19 @@ function drawAbove(scene, compass) {
   font(pen, 15, "bold");
   const heading = scene ? scene.heading_deg : compass.heading_deg;
   say(pen, `bow up, ${String(Math.round(heading) % 360).padStart(3, "0")}\u00b0`, 8, 18, "ink");
-  if (!scene) return void deckAbove(pen, centre, { size_m: [0.9 * reach, 0.35 * reach], euler_deg: [0, 0, 0] }, scale);
+  if (!scene) {
+    const long = others.length ? size[0] : 0.9 * reach;
+    deckAbove(pen, centre, { size_m: [long, 0.4 * long], euler_deg: [0, 0, 0] }, scale);
+    others.forEach((d) => {
+      const [x, y] = to(d.at);
+      path(pen, [[x - 8, y - 8], [x + 8, y + 8]], "drone", d.stale, 3);
+      path(pen, [[x - 8, y + 8], [x + 8, y - 8]], "drone", d.stale, 3);
+      label(pen, `drone ${d.number}`, x, y - 12, "drone", width, height);
+    });
+    drawn.above = { deck: centre, drones: others.map((d) => to(d.at)) };
+    if (others.length) say(pen, `rings ${reach / 2}, ${reach} m`, 8, height - 9);
+    return;
+  }
   const halves = deckAbove(pen, centre, scene, scale);
   const speed = Math.hypot(...scene.way_mps);
   if (speed >= 0.3) {
