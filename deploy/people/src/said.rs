@@ -19,6 +19,8 @@ use crate::view::board::Board;
 use crate::view::picture::Picture;
 
 const PERIOD_NS: i64 = 200_000_000;
+/// Shortest time between two changes of words without a change of state, less one period, ns.
+const WORDS_NS: i64 = 1_000_000_000 - PERIOD_NS;
 /// Maximum length of a warning that stops a landing and stands first, characters: two lines on a phone.
 const WARNING_CHARS: usize = 110;
 
@@ -29,13 +31,15 @@ struct Moment<'a> {
     /// The mission's report as the vessel receives it.
     report: DroneStatus,
     order: Option<Command>,
+    /// The words of the large sentence change twice within a second in one state.
+    flickers: bool,
 }
 
 /// Name of a rule, and whether a moment breaks it.
 type StatementRule = (&'static str, fn(&Moment<'_>) -> bool);
 
 /// Rules for every page and moment.
-const RULES: [StatementRule; 10] = [
+const RULES: [StatementRule; 11] = [
     (
         "numbers are finite, and no remaining time is negative",
         odd_number,
@@ -43,6 +47,7 @@ const RULES: [StatementRule; 10] = [
     ("green only where the mission lands", green),
     ("GO and NO-GO only before an order", verdict),
     ("the large sentence is about what is awaited now", not_awaited),
+    ("words of the large sentence last for a second", |m| m.flickers),
     ("a rejected order has a line of its own", rejected),
     ("no advice to turn during a landing", advice),
     ("a time of contact only before a contact", contact),
@@ -162,6 +167,9 @@ pub struct Statements {
     order: Option<Command>,
     #[serde(skip)]
     due_ns: i64,
+    /// State and words of the large sentence, and the time of their last change, ns.
+    #[serde(skip)]
+    shown: (State, String, i64),
     pub judged: u32,
     pub broken: Vec<BrokenStatement>,
 }
@@ -204,6 +212,14 @@ impl Statements {
             ..Picture::default()
         };
         self.judged += 1;
+        let sentence = drone.status.state.iter().flat_map(|s| s.sentence.chars());
+        let words: String = sentence.filter(|c| !c.is_ascii_digit()).collect();
+        let (state, shown, since_ns) = &self.shown;
+        let differs = *shown != words;
+        let flickers = differs && *state == mission.state && t.nanos() - since_ns < WORDS_NS;
+        if differs {
+            self.shown = (mission.state, words, t.nanos());
+        }
         // A vessel that no longer receives the drone says so instead.
         let received = !snapshot.mission.is_old(t.nanos());
         let pages = [("drone", &drone), ("vessel", &vessel)];
@@ -213,6 +229,7 @@ impl Statements {
                 status: &page.status,
                 report,
                 order: self.order,
+                flickers: flickers && name == "drone",
             };
             for &(rule, _) in RULES.iter().filter(|(_, breaks)| breaks(&moment)) {
                 let mut known = self.broken.iter_mut();

@@ -366,7 +366,7 @@ const NOISE_LIMIT: f64 = 7.0;
 const NOISE_WIDTH: f64 = -0.23;
 const NOISE_STEEPNESS: f64 = 9.0;
 /// Corner error per noise-to-contrast ratio, px.
-const CORNER_NOISE: f64 = 1.05;
+const CORNER_NOISE: f64 = 0.75;
 /// Noise in the dark, grey levels, as in rendered images.
 const DARK_SD: f64 = 2.0;
 /// Scatter of a tag's own white over half its square, per logarithm of its half width in degrees: `10 · 0.52

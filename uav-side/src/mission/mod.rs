@@ -152,6 +152,8 @@ wiring! {
 }
 
 const PERIOD: Span = Span::from_millis(20);
+/// Shortest time for which a reason for waiting is published, s.
+const SHOWN_S: f64 = 1.0;
 #[derive(Clone, Debug, Default)]
 pub struct MissionNode {
     /// Configuration with heights above all volumes around the deck.
@@ -189,6 +191,8 @@ pub struct MissionNode {
     leaving: LeavingMonitor,
     /// Time spent on each reason against the ordered landing.
     waited: WaitingTimes,
+    /// Published reason for waiting, and the time since which it has this code.
+    shown: (Reason, Time<DroneClock>),
 
     /// Delay of a forced descent after the drone is first steady, and the resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
@@ -440,7 +444,19 @@ impl MissionNode {
         }
     }
 
+    /// Reason to publish: within one state its code changes at most once in [`SHOWN_S`], so that people can read it.
+    fn shown(&mut self, now: Time<DroneClock>, waiting: Reason) -> Reason {
+        let (shown, at) = self.shown;
+        let entered = at < self.since;
+        if entered || shown.code == waiting.code || (now - at).secs() >= SHOWN_S {
+            let same = !entered && shown.code == waiting.code;
+            self.shown = (waiting, if same { at } else { now });
+        }
+        self.shown.0
+    }
+
     fn message(&mut self, now: Time<DroneClock>, s: &Situation, waiting: Reason) -> MissionState {
+        let waiting = self.shown(now, waiting);
         let c = &self.config;
         let place = Waypoint::of(self.phase, s, c);
         let state = self.phase.state();
