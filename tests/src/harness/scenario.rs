@@ -62,9 +62,11 @@ config! {
     /// Geographic position of the scene, and origins of the drones' frames. The vessel's frame starts at its first fix.
     pub struct PlaceConfig {
         /// Candidate origins of the scene's NED. The seed selects one, and the vessel's devices send bytes.
+        /// Default: four positions at sea, in the south, the west, at the date line, in the far north. Heights of
+        /// the sea above the ellipsoid follow EGM96 to within metres.
         /// Empty: vessel and drones use the scene's NED, and the devices give quantities, because their byte
         /// formats need latitude and longitude.
-        pub among: Vec<Datum> = Vec::new();
+        pub among: Vec<Datum> = four_seas();
         /// Distance from a drone's start to the origin of its autopilot's frame, drawn uniformly between these, m.
         /// Chosen: the autopilot is switched on ashore, or some time earlier aboard.
         pub origin_m: [f64; 2] = [0.0, 2000.0], in 0.0..=5000.0;
@@ -87,20 +89,16 @@ config! {
     }
 }
 
+fn four_seas() -> Vec<Datum> {
+    vec![
+        Datum::new(-33.9, 18.3, 31.0),
+        Datum::new(47.6, -122.4, -21.0),
+        Datum::new(-16.8, 179.999, 55.0),
+        Datum::new(70.1, 19.2, 30.0),
+    ]
+}
+
 impl PlaceConfig {
-    /// Four positions at sea: south, west, at the date line, far north. Heights of the sea above the
-    /// ellipsoid follow EGM96 to within metres.
-    pub fn four_seas() -> Self {
-        PlaceConfig {
-            among: vec![
-                Datum::new(-33.9, 18.3, 31.0),
-                Datum::new(47.6, -122.4, -21.0),
-                Datum::new(-16.8, 179.999, 55.0),
-                Datum::new(70.1, 19.2, 30.0),
-            ],
-            ..PlaceConfig::default()
-        }
-    }
     pub(crate) fn drawn(&self, streams: &Streams) -> Option<Datum> {
         let k = (Noise::new(streams, "place").uniform() * self.among.len() as f64) as usize;
         self.among.get(k).or(self.among.last()).copied()

@@ -10,15 +10,9 @@ use crate::judged;
 
 /// Scene at position `k` of the four seas.
 fn scene(k: usize) -> Scenario {
-    let seas = PlaceConfig::four_seas();
-    let place = PlaceConfig {
-        among: vec![seas.among[k]],
-        ..seas
-    };
-    Scenario {
-        place,
-        ..Scenario::default()
-    }
+    let mut scenario = Scenario::default();
+    scenario.place.among = vec![scenario.place.among[k]];
+    scenario
 }
 
 struct Event {
@@ -97,7 +91,7 @@ fn drifting_barometer_and_steel_below_the_compass() {
 #[test]
 fn vessel_height_without_the_geoid() {
     let mut landed_low = 0;
-    for (k, sea) in PlaceConfig::four_seas().among.iter().enumerate() {
+    for (k, sea) in PlaceConfig::default().among.iter().enumerate() {
         let mut scenario = scene(k);
         scenario.sensors.vessel_gnss.height_error_m = -sea.height_m;
         let outcome = landed(&scenario, 300 + k as u64, None);

@@ -40,7 +40,7 @@ examples! {
     "examples/beacon-suffices.toml" "drone: flies to a beacon"
     "examples/pd_descent.py" "a planner of your own"
     "examples/hold_deck.py" "a predictor of your own"
-    "scenarios/at-sea.toml" "scenario: devices send bytes"
+    "scenarios/at-sea.toml" "scenario: one place on Earth"
     "scenarios/coarse-tag.toml" "scenario: a coarse tag detector"
     "scenarios/cold-start.toml" "scenario: the vessel has just started"
     "scenarios/jonswap.toml" "scenario: an irregular sea"

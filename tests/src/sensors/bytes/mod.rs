@@ -16,6 +16,7 @@ pub mod ubx;
 #[cfg(test)]
 mod recordings;
 
+use alight_shared::frames::{TrueNed, Vector};
 use alight_shared::geoid::LocalGeoid;
 use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
 use alight_usv::sensors::{Format, Mount, Readings, SourceConfig};
@@ -145,12 +146,14 @@ impl BoatSensor {
     }
     fn gnss(&mut self, m: &GnssFix) -> Vec<u8> {
         let at_ns = m.header.at.nanos();
-        let geoid_m = self.geoid.at(&m.datum).height_m;
+        // A fault moves the fix away from the antenna.
+        let place = m.datum.at(&Vector::<TrueNed>::from(Vector3::from(m.position)));
+        let geoid_m = self.geoid.at(&place).height_m;
         match self.format {
             Format::Nmea => {
                 let gga = nmea::Gga {
                     utc_ns: at_ns,
-                    place: m.datum,
+                    place,
                     geoid_m,
                     // A dilution of 1 corresponds to 0.5 m at quality 1.
                     hdop: m.position_sd[0] / 0.5,
@@ -162,18 +165,18 @@ impl BoatSensor {
             Format::N2k => {
                 self.sequence = (self.sequence + 1) % 8;
                 let velocity = n2k::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
-                let fix = n2k::gnss(at_ns, m.datum, m.position_sd[0] / 0.5, self.sequence);
+                let fix = n2k::gnss(at_ns, place, m.position_sd[0] / 0.5, self.sequence);
                 [velocity, fix].concat()
             }
             Format::SignalK => {
                 let velocity = signalk::velocity(at_ns, [m.velocity[0], m.velocity[1]]);
-                let fix = signalk::gnss(at_ns, (m.datum, geoid_m), m.position_sd[0] / 0.5);
+                let fix = signalk::gnss(at_ns, (place, geoid_m), m.position_sd[0] / 0.5);
                 [velocity, fix].concat()
             }
-            Format::Ubx => ubx::nav_pvt(at_ns, (m.datum, geoid_m), m.velocity, &self.stated),
+            Format::Ubx => ubx::nav_pvt(at_ns, (place, geoid_m), m.velocity, &self.stated),
             Format::Rtcm => Vec::new(),
             Format::Mavlink => {
-                let payload = mavlink::gps_raw_int(at_ns, (m.datum, geoid_m), m.velocity, &self.stated, None);
+                let payload = mavlink::gps_raw_int(at_ns, (place, geoid_m), m.velocity, &self.stated, None);
                 [self.heartbeat(at_ns), self.frame(mavlink::GPS_RAW_INT, &payload)].concat()
             }
         }
