@@ -65,7 +65,8 @@ impl Outside {
         let camera = bus.of(ProcessKind::Camera);
         Outside {
             commands: bus.sender(),
-            plans: bus.sender(),
+            // Through the planner's wrapper, if any.
+            plans: bus.of(ProcessKind::Planner).sender(),
             tags: camera.sender(),
             uvdar: bus.of(ProcessKind::Uvdar).sender(),
             light: camera.sender(),
