@@ -228,7 +228,7 @@ fn flight_that_shows(mutant: Mutant) -> Option<(Storm, StormRule)> {
             };
             (held, StormRule::BatterySpent)
         }
-        Mutant::TwoOwners => (two(Vec::new()), StormRule::TwoAtDeck),
+        Mutant::TwoOwners => (two(Vec::new()), StormRule::Collision),
         Mutant::DeckReleased => {
             let frozen = killed(FaultKind::VesselFrozen, TrackingStable, 0.2, 25.0);
             (two(vec![frozen]), StormRule::TwoAtDeck)
