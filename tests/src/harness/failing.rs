@@ -67,9 +67,25 @@ pub struct VesselSensorFaults {
     pub heading_mixed_rad: f64,
     /// Error of GNSS fixes, north and up, m.
     pub gnss_off_m: [f64; 2],
+    /// Error of every second fix, m to the north, as from a second receiver on the line.
+    pub gnss_mixed_m: f64,
     /// For IMU, GNSS and heading: the sensor repeats its first value.
     pub stuck: [bool; 3],
+    /// Angular rate, velocity and heading that are sent as zero.
+    pub zero: [bool; 3],
+    /// Lead of the clocks of IMU, receiver and compass, s.
+    pub ahead_s: [f64; 3],
+    /// Rate error of the compass's clock, s/s.
+    pub compass_clock_rate: f64,
+    /// Growth of the delay on the devices' lines, s/s.
+    pub line_fills: f64,
     pub gyro_off_radps: f64,
+    /// The yaw rate has the other sign.
+    pub yaw_rate_inverted: bool,
+    /// The angular rates are in deg/s.
+    pub rates_in_degrees: bool,
+    /// Roll has the other sign: in the angular rate, and in the specific force across.
+    pub roll_inverted: bool,
     /// Clipping limit of the measured specific force, m/s2; 0: no limit.
     pub clip_mps2: f64,
     /// Delay of measurements, s; the vessel stamps them on arrival.
@@ -100,6 +116,9 @@ impl VesselSensorFaults {
         for m in readings.heading.iter_mut().filter(|m| m.header.sequence % 2 == 1) {
             m.heading += self.heading_mixed_rad;
         }
+        for m in readings.gnss.iter_mut().filter(|m| m.header.sequence % 2 == 1) {
+            m.position[0] += self.gnss_mixed_m;
+        }
         let turned = Rotation3::from_axis_angle(&Vector3::x_axis(), self.mounting_rad);
         for m in &mut readings.imu {
             m.gyro = (turned * Vector3::from(m.gyro)).into();
@@ -110,7 +129,35 @@ impl VesselSensorFaults {
             }
         }
         self.hold(readings, held);
-        shift(readings, Span::from_secs(self.late_s));
+        self.change_sign_and_unit(readings);
+        self.clear(readings);
+        shift(readings, [Span::from_secs(self.late_s); 4]);
+    }
+    fn change_sign_and_unit(&self, readings: &mut Readings) {
+        for m in &mut readings.imu {
+            if self.yaw_rate_inverted {
+                m.gyro[2] = -m.gyro[2];
+            }
+            if self.roll_inverted {
+                m.gyro[0] = -m.gyro[0];
+                m.accelerometer[1] = -m.accelerometer[1];
+            }
+            if self.rates_in_degrees {
+                m.gyro = m.gyro.map(f64::to_degrees);
+            }
+        }
+    }
+    fn clear(&self, readings: &mut Readings) {
+        let [rates, velocity, heading] = self.zero;
+        if rates {
+            readings.imu.iter_mut().for_each(|m| m.gyro = [0.0; 3]);
+        }
+        if velocity {
+            readings.gnss.iter_mut().for_each(|m| m.velocity = [0.0; 3]);
+        }
+        if heading {
+            readings.heading.iter_mut().for_each(|m| m.heading = 0.0);
+        }
     }
     fn hold(&self, readings: &mut Readings, held: &mut HeldReadings) {
         let [imu, gnss, heading] = self.stuck;
@@ -133,18 +180,19 @@ impl VesselSensorFaults {
     }
 }
 
-pub fn shift(readings: &mut Readings, by: Span) {
+/// Shifts the times of IMU, GNSS, heading and attitude.
+pub fn shift(readings: &mut Readings, [imu, gnss, heading, attitude]: [Span; 4]) {
     for m in &mut readings.imu {
-        m.header.at += by;
+        m.header.at += imu;
     }
     for m in &mut readings.gnss {
-        m.header.at += by;
+        m.header.at += gnss;
     }
     for m in &mut readings.heading {
-        m.header.at += by;
+        m.header.at += heading;
     }
     for m in &mut readings.attitude {
-        m.header.at += by;
+        m.header.at += attitude;
     }
 }
 

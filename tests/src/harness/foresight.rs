@@ -99,8 +99,8 @@ impl Foresight {
 
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OdometryError {
-    position: Vector3<f64>,
-    velocity: Vector3<f64>,
+    pub(super) position: Vector3<f64>,
+    pub(super) velocity: Vector3<f64>,
 }
 
 impl OdometryError {
@@ -117,7 +117,7 @@ impl OdometryError {
 }
 
 /// True state as a stage in a frame with this offset (m) and drift (m/s).
-fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
+pub(super) fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
     let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
     DeckStage {
         position: (truth.position.0 + offset).into(),

@@ -4,6 +4,7 @@ pub mod bus;
 pub mod cameras;
 mod drone_computer;
 mod edge;
+pub mod errors;
 pub mod failing;
 mod foresight;
 pub mod link;

@@ -1,18 +1,19 @@
 //! The vessel's computer in lock-step: the rows of [`VesselRows`] with the vessel's sensors at their edge.
 
 use core::mem::swap;
+use std::collections::VecDeque;
 
 use super::bus::{LockStep, LockStepSender};
 use super::edge::edge;
 use super::failing::{Failing, HeldReadings, VesselSensorFaults, shift};
-use super::physics::{DRONE_ID, VESSEL_ID};
+use super::physics::{DRONE_ID, TICK, VESSEL_ID};
 use super::scenario::{NodeConfigs, Scenario};
 use crate::sensors::bytes::Carries;
 use crate::sensors::bytes::boat::{Boat, DEVICES, in_ticks_s};
 use crate::sensors::clocks::ClockModel;
 use crate::sensors::delay::DelayLine;
 use alight_shared::bus::Writer as _;
-use alight_shared::msg::{CrewOrder, DeckOrder, Header};
+use alight_shared::msg::{CrewOrder, DeckOrder, Header, MAX_SOURCES};
 use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{Span, VesselTime, WorldTime};
@@ -21,11 +22,15 @@ use alight_usv::deck::MAX_DRONES;
 use alight_usv::sensors::{
     Measurement, Readings, SensorNode, SensorsIn, SourceConfig, SourceMeasurement, SourcesConfig,
 };
-use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, VesselComputer};
+use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselCheckpoint, VesselComputer};
 
+/// Ticks over which rejected measurements are compared with used ones, as in the vessel's status: 10 s.
+const LATELY: usize = 1000;
 const QUANTITIES: &str = "quantities";
-/// Maximum number of delayed readings; corresponds to more than 0.5 s of ticks.
-const MAX_LATE: usize = 256;
+/// Maximum number of delayed readings: 10 s of ticks, the longest delay of a full line.
+const MAX_LATE: usize = 1000;
+/// Rate at which the backlog of a line that was full is read, s/s.
+const DRAINS: f64 = 0.5;
 
 pub(super) struct VesselSide {
     bus: LockStep,
@@ -39,6 +44,8 @@ pub(super) struct VesselSide {
     stands_still: bool,
     /// Input that waits until a freeze ends.
     waiting: ComputerIn,
+    /// Numbers of used and rejected measurements of each kind at the last ticks.
+    rejected: VecDeque<[[u64; 2]; KINDS.len()]>,
 }
 
 /// Measurements of one tick: quantities, and bytes from a moving base.
@@ -48,6 +55,9 @@ struct SensorEdge {
     faults: VesselSensorFaults,
     held: HeldReadings,
     late: DelayLine<Readings>,
+    /// Delay on a full line, and lead that the compass's clock has gained, s.
+    filled_s: f64,
+    gained_s: f64,
     /// Devices that send bytes; None: all devices give quantities.
     boat: Option<Boat>,
     given_by: usize,
@@ -57,10 +67,22 @@ impl SensorEdge {
     /// Delays readings measured at `t`, and returns those that arrive at `t`.
     fn arrived(&mut self, t: WorldTime, mut measured: Readings) -> Readings {
         self.faults.spoil(&mut measured, &mut self.held);
-        if self.faults.late_s <= 0.0 && self.late.is_empty() {
+        let dt = TICK.secs();
+        self.gained_s += self.faults.compass_clock_rate * dt;
+        let [imu, gnss, compass] = self.faults.ahead_s;
+        let ahead_s = [imu, gnss, compass + self.gained_s, 0.0];
+        shift(&mut measured, ahead_s.map(Span::from_secs));
+        let fills = if self.faults.line_fills > 0.0 {
+            self.faults.line_fills
+        } else {
+            -DRAINS
+        };
+        self.filled_s = (self.filled_s + fills * dt).max(0.0);
+        let late_s = self.faults.late_s + self.filled_s;
+        if late_s <= 0.0 && self.late.is_empty() {
             return measured;
         }
-        self.late.push(t + Span::from_secs(self.faults.late_s), measured);
+        self.late.push(t + Span::from_secs(late_s), measured);
         let mut arrived = Readings::default();
         for r in self.late.arrived(t) {
             arrived.imu.extend(r.imu);
@@ -73,7 +95,7 @@ impl SensorEdge {
     /// `ahead` is the lead of the vessel's steady clock.
     fn input(&mut self, (mut readings, rtcm): Measured, ahead: Span) -> SensorsIn {
         let bytes = self.boat.as_mut().map(|boat| boat.bytes(&readings, &rtcm));
-        shift(&mut readings, ahead);
+        shift(&mut readings, [ahead; 4]);
         // The last source is that of the quantities and sends no bytes.
         let bytes = bytes.unwrap_or_else(|| vec![rtcm]);
         let mut samples = vec![Vec::new(); self.given_by];
@@ -109,11 +131,14 @@ impl VesselSide {
                 faults: VesselSensorFaults::default(),
                 held: HeldReadings::default(),
                 late: DelayLine::new(MAX_LATE),
+                filled_s: 0.0,
+                gained_s: 0.0,
                 boat,
                 given_by,
             },
             stands_still: false,
             waiting: ComputerIn::default(),
+            rejected: VecDeque::new(),
             bus,
         };
         for process in PROCESSES {
@@ -126,6 +151,7 @@ impl VesselSide {
     }
     /// Restarts the process and returns its checkpoint.
     pub(super) fn restart_vessel(&mut self) -> Option<VesselCheckpoint> {
+        self.rejected.clear();
         let kept = self.vessel().map(VesselComputer::checkpoint);
         self.boot += 1;
         self.start(ProcessKind::Vessel);
@@ -134,6 +160,29 @@ impl VesselSide {
     /// Node of the second row; None if its process is dead.
     pub(super) fn vessel(&self) -> Option<&VesselComputer> {
         self.rows.vessel.as_ref().map(|row| &row.node)
+    }
+    /// Whether a finding on a device of the vessel asks for action: by its bytes, or by its rejected measurements.
+    pub(super) fn is_doubted(&self) -> bool {
+        let asks = |node: &SensorNode| node.remarks().iter().flatten().any(|r| r.remedy.is_some());
+        let now = self.rejections();
+        let before = self.rejected.front().copied().unwrap_or(now);
+        let rejects = |(now, before): (&[u64; 2], &[u64; 2])| now[1] - before[1] > now[0] - before[0];
+        self.rows.sensors.as_ref().is_some_and(|row| asks(&row.node)) || now.iter().zip(&before).any(rejects)
+    }
+    /// Numbers of used and of rejected measurements of each kind since the start of the process.
+    fn rejections(&self) -> [[u64; 2]; KINDS.len()] {
+        let mut all = [[0; 2]; KINDS.len()];
+        for (kind, [used, rejected]) in all.iter_mut().enumerate() {
+            for source in 0..MAX_SOURCES {
+                let counts = self
+                    .vessel()
+                    .map(|v| v.node().source(kind, source))
+                    .unwrap_or_default();
+                *used += counts.taken.saturating_sub(counts.outliers);
+                *rejected += counts.rejected + counts.outliers + counts.stuck;
+            }
+        }
+        all
     }
     pub(super) fn order(&mut self, now: VesselTime, order: DeckOrder) {
         self.ordered += 1;
@@ -184,7 +233,12 @@ impl VesselSide {
         };
         let step = row.step(|| now, &mut edge::<VesselComputer>(receive, |_, _| {}));
         look(&step.of(ProcessKind::Vessel, self.boot));
-        core::mem::take(&mut row.last.out)
+        let out = core::mem::take(&mut row.last.out);
+        self.rejected.push_back(self.rejections());
+        if self.rejected.len() > LATELY {
+            self.rejected.pop_front();
+        }
+        out
     }
 }
 

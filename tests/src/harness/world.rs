@@ -6,6 +6,7 @@
 
 pub use super::drone_computer::SimulatedDroneComputer;
 use super::drone_computer::Uplink;
+use super::errors::{EstimateError, of_deck, of_vessel};
 use super::failing::Failing;
 use super::foresight::Foresight;
 pub use super::link::Checkpoints;
@@ -32,6 +33,8 @@ use nalgebra::Vector3;
 const PUSH_RISE_S: f64 = 0.4;
 /// Reading of the steady clock after a power loss, s.
 const BOOT_S: f64 = 20.0;
+/// Age up to which an estimate is compared with the truth.
+const PRESENT: Span = Span::from_millis(500);
 /// Roll period in another ship's wake, s.
 const WAKE_S: f64 = 2.5;
 
@@ -60,6 +63,8 @@ pub struct World {
     wake_nm: f64,
     /// Lead of the vessel's steady clock over its clock model.
     vessel_ahead: Span,
+    /// Errors of the vessel's newest estimate, and its time.
+    vessel_errors: (WorldTime, Vec<EstimateError>),
 }
 
 impl World {
@@ -98,6 +103,7 @@ impl World {
             wanted_push: [0.0; 6],
             wake_nm: 0.0,
             vessel_ahead: Span::ZERO,
+            vessel_errors: (Time::EPOCH, Vec::new()),
         })
     }
     pub fn fail(&mut self, failing: &Failing) {
@@ -270,6 +276,9 @@ impl World {
         let output = self
             .vessel
             .tick(now, measured, input, |step| observer.step(t, step));
+        if let Some(estimate) = &output.vessel.estimate {
+            self.vessel_errors = (t, of_vessel(estimate, &self.physics.vessel()));
+        }
         self.broadcast(t, &output);
 
         // Each drone's computer: bridge -> predictor -> mission -> planner -> pilot -> link to the autopilot.
@@ -349,6 +358,24 @@ impl World {
     }
     pub fn physics(&self) -> &Physics {
         &self.physics
+    }
+    /// Errors of the vessel's estimate, unless it is old, and of a drone's forecast.
+    pub fn errors(&self, k: usize) -> impl Iterator<Item = EstimateError> {
+        let of_drone = || {
+            let computer = self.drones.get(k)?;
+            let now = self.physics.drone_now(k) + computer.ahead;
+            let drone = computer.odometry.as_ref()?;
+            let truth = (&self.physics.drone(k)?, &self.physics.deck());
+            of_deck(computer.forecast.as_ref()?, drone, now, truth)
+        };
+        let (at, of_vessel) = &self.vessel_errors;
+        let is_present = self.physics.now() - *at < PRESENT;
+        let of_vessel = of_vessel.iter().copied().filter(move |_| is_present);
+        of_vessel.chain(of_drone().unwrap_or_default())
+    }
+    /// Whether a finding on a device of the vessel asks for action.
+    pub fn vessel_is_doubted(&self) -> bool {
+        self.vessel.is_doubted()
     }
     pub fn wants_steady(&self) -> bool {
         let now = self.vessel_now();

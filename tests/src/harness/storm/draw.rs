@@ -52,7 +52,7 @@ impl Storm {
         let kinds: Vec<FaultKind> = FaultKind::ALL
             .iter()
             .copied()
-            .filter(|kind| !kind.needs_moving_base() && noise.chance(0.5))
+            .filter(|kind| !kind.needs_moving_base() && !kind.is_of_device() && noise.chance(0.5))
             .collect();
         let kinds = if kinds.is_empty() { FaultKind::ALL } else { &kinds };
         // A separate stream keeps the sea and faults of existing landings unchanged.
@@ -76,7 +76,11 @@ impl Storm {
             version: None,
             faults: faults.collect(),
         };
-        storm.fitted().with_moving_base().with_installation()
+        storm
+            .fitted()
+            .with_moving_base()
+            .with_device_fault()
+            .with_installation()
     }
     /// Draws the firmware's version, and in one storm of three leaves parameters that only cause a warning at the
     /// maker's default. Uses a separate stream so that other draws do not change.
@@ -95,16 +99,30 @@ impl Storm {
     fn with_moving_base(mut self) -> Storm {
         let mut noise = Noise::new(&Streams::new(self.seed), "storm.moving_base");
         self.moving_base = noise.chance(1.0 / 6.0) && !self.flight.is_silent();
-        let kinds = FaultKind::ALL.iter().copied();
-        let kinds: Vec<FaultKind> = kinds.filter(|kind| kind.needs_moving_base()).collect();
-        let row = by_parts(self.flight.rows(), |row| row.1, noise.uniform());
-        let kind = pick(&kinds, &mut noise);
-        if let (Some(first), Some(kind), Some(row)) = (self.faults.first_mut(), kind, row)
-            && self.moving_base
-        {
-            *first = of_kind(*kind, *row, 1, &mut noise);
+        if self.moving_base {
+            self.replace(0, FaultKind::needs_moving_base, &mut noise);
         }
         self
+    }
+    /// Gives one storm in three a fault of one of the vessel's devices instead of its second fault, likewise.
+    fn with_device_fault(mut self) -> Storm {
+        let mut noise = Noise::new(&Streams::new(self.seed), "storm.device");
+        if noise.chance(1.0 / 3.0) {
+            self.replace(1, FaultKind::is_of_device, &mut noise);
+        }
+        self
+    }
+    /// Draws fault number `k` again, among the kinds that `fits` selects.
+    fn replace(&mut self, k: usize, fits: fn(FaultKind) -> bool, noise: &mut Noise) {
+        let row = by_parts(self.flight.rows(), |row| row.1, noise.uniform());
+        let kinds: Vec<FaultKind> = FaultKind::ALL
+            .iter()
+            .copied()
+            .filter(|kind| fits(*kind))
+            .collect();
+        if let (Some(fault), Some(kind), Some(row)) = (self.faults.get_mut(k), pick(&kinds, noise), row) {
+            *fault = of_kind(*kind, *row, 1, noise);
+        }
     }
     /// Adapts the scene so that the flight is possible.
     fn fitted(mut self) -> Storm {

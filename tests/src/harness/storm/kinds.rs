@@ -83,6 +83,24 @@ macro_rules! names {
             pub const fn needs_moving_base(self) -> bool {
                 matches!(self, FaultKind::CorrectionsLost | FaultKind::FixLost | FaultKind::FalseFix)
             }
+            /// Whether the fault is one of the vessel's devices, which a separate stream draws.
+            pub const fn is_of_device(self) -> bool {
+                matches!(
+                    self,
+                    FaultKind::VesselRatesZero
+                        | FaultKind::VesselVelocityZero
+                        | FaultKind::VesselHeadingZero
+                        | FaultKind::VesselImuAhead
+                        | FaultKind::VesselGnssAhead
+                        | FaultKind::VesselHeadingAhead
+                        | FaultKind::VesselYawRateInverted
+                        | FaultKind::VesselRollInverted
+                        | FaultKind::VesselRatesInDegrees
+                        | FaultKind::VesselGnssMixed
+                        | FaultKind::VesselLinesFull
+                        | FaultKind::VesselCompassSlewed
+                )
+            }
             pub const fn spec(self) -> Spec {
                 match self {
                     $(FaultKind::$kind => Spec {
@@ -365,6 +383,34 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.moving_base.fix_lost = true);
     FalseFix, "false-fix", "m", [0.1, 2.0], WRONG, Nothing,
         Lasting(|f, size| f.moving_base.false_fix_m = size);
+    /// The gyroscopes' values stay at zero.
+    VesselRatesZero, "vessel-rates-zero", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.zero[0] = true);
+    VesselVelocityZero, "vessel-velocity-zero", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.zero[1] = true);
+    VesselHeadingZero, "vessel-heading-zero", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.zero[2] = true);
+    VesselImuAhead, "vessel-imu-ahead", "s", [0.05, 5.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.ahead_s[0] = size);
+    VesselGnssAhead, "vessel-gnss-ahead", "s", [0.05, 5.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.ahead_s[1] = size);
+    VesselHeadingAhead, "vessel-heading-ahead", "s", [0.05, 5.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.ahead_s[2] = size);
+    VesselYawRateInverted, "vessel-yaw-rate-inverted", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.yaw_rate_inverted = true);
+    VesselRollInverted, "vessel-roll-inverted", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.roll_inverted = true);
+    VesselRatesInDegrees, "vessel-rates-in-degrees", "", NONE, WRONG, Nothing,
+        Lasting(|f, _| f.vessel.rates_in_degrees = true);
+    /// Every second fix comes from a second receiver.
+    VesselGnssMixed, "vessel-gnss-mixed", "m to the north", [-10.0, 10.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.gnss_mixed_m = size);
+    /// The devices send more than their lines carry.
+    VesselLinesFull, "vessel-lines-full", "s later each second", [0.01, 0.3], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.line_fills = size.max(0.0));
+    /// A time service slews the clock of the compass's host: ntpd by 500 parts per million, chrony by up to 83 333.
+    VesselCompassSlewed, "vessel-compass-slewed", "parts per million", [-80_000.0, 80_000.0], WRONG, Nothing,
+        Lasting(|f, size| f.vessel.compass_clock_rate = 1e-6 * size);
 } } }
 pub(super) use each_kind;
 each_kind!(names);

@@ -241,6 +241,17 @@ mod tests {
     }
 
     #[test]
+    fn device_fault_without_a_shift_of_other_draws() {
+        let storms: Vec<Storm> = (1..=200).map(|seed| Storm::drawn(seed, 5)).collect();
+        let of_device = |s: &&Storm| s.faults[1].kind.is_of_device();
+        assert!((45..=90).contains(&storms.iter().filter(of_device).count()));
+        let others = storms
+            .iter()
+            .flat_map(|s| [&s.faults[..1], &s.faults[2..]].concat());
+        assert_eq!(others.filter(|f| f.kind.is_of_device()).count(), 0);
+    }
+
+    #[test]
     fn flights_and_entries_that_are_drawn() {
         let storms: Vec<Storm> = (1..=60).map(|seed| Storm::drawn(seed, 5)).collect();
         let flights: BTreeSet<FlightKind> = storms.iter().map(|s| s.flight).collect();

@@ -1,6 +1,7 @@
 //! Rules for every tick of a storm. `CONTRIBUTING.md` lists them with the faults that excuse them.
 
 use core::fmt;
+use std::collections::BTreeMap;
 
 use alight_shared::msg::{BatteryPlace, ReasonCode, SetPoint, State};
 use serde::Serialize;
@@ -34,6 +35,11 @@ const ARMED_S: f64 = 10.0;
 const LOW_M: f64 = 1.5;
 /// Maximum time low over the deck without descending, s; a climb takes less.
 const LOW_S: f64 = 3.0;
+
+/// Error from which an estimate is wrong, in its standard deviations, and time after which a descent may not begin on it
+/// unless a finding doubts it, s.
+const WRONG_SDS: f64 = 3.0;
+const UNDOUBTED_S: f64 = 5.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -77,6 +83,8 @@ pub enum StormRule {
     NoLastResort,
     /// Crashed, although the faults that excuse it end well alone.
     NotExcused,
+    /// A descent began on an estimate that was wrong and that no finding doubted.
+    Undoubted,
     /// Waits in the air without reporting its charge (sufficient or low) or its next step.
     WaitsUnreported,
 }
@@ -85,7 +93,8 @@ pub enum StormRule {
 pub struct Violation {
     pub rule: StormRule,
     pub t_s: f64,
-    /// Height above the deck (m), speed (m/s), time (s), or charge (0 to 1), depending on the rule.
+    /// Height above the deck (m), speed (m/s), time (s), charge (0 to 1), or error (standard deviations), depending on
+    /// the rule.
     pub figure: f64,
     pub state: State,
 }
@@ -124,6 +133,11 @@ impl fmt::Display for Violation {
             StormRule::NotExcused => {
                 write!(f, "crashed, although the faults that excuse it end well alone")
             }
+            StormRule::Undoubted => write!(
+                f,
+                "began to descend on an estimate that was wrong by {figure:.1} standard deviations for {UNDOUBTED_S} s, \
+                 and no finding doubted it"
+            ),
             StormRule::WaitsUnreported => write!(
                 f,
                 "waits with its battery at {:.0} % and reports neither that nor its next step",
@@ -193,6 +207,10 @@ pub struct StormWatch {
     low_since_s: Option<f64>,
     /// Time since which the drone has been armed on the deck without a report, s.
     armed_since_s: Option<f64>,
+    /// Time since which each estimated quantity has been wrong, s.
+    wrong_since_s: BTreeMap<&'static str, f64>,
+    /// State at the last tick.
+    state: State,
     /// Start of the first landing for a spent battery, s.
     spent_s: Option<f64>,
     /// The drone has a drained battery, may not know the deck's position, and flies elsewhere.
@@ -207,6 +225,7 @@ impl StormWatch {
             .or_else(|| self.standing(rig, k, &scene))
             .or_else(|| self.orders(rig, k, &scene))
             .or_else(|| self.places(rig, k, &scene));
+        let broken = self.estimates(rig, k).filter(|_| broken.is_none()).or(broken);
         let (rule, figure) = broken?;
         Some(Violation {
             rule,
@@ -291,6 +310,24 @@ impl StormWatch {
             .is_some_and(|d| d.still_armed_s().is_some());
         let armed_s = lasts(&mut self.armed_since_s, stands && !reported, t_s);
         (armed_s > ARMED_S && !scene.is_uncommanded()).then_some((StormRule::StillArmed, armed_s))
+    }
+
+    /// Checks for a descent that begins on a wrong estimate without a finding.
+    fn estimates(&mut self, rig: &Rig, k: usize) -> Option<(StormRule, f64)> {
+        let t_s = rig.t_s();
+        let before = core::mem::take(&mut self.wrong_since_s);
+        let mut worst_sds = 0.0_f64;
+        for e in rig.world.errors(k).filter(|e| e.in_deviations() > WRONG_SDS) {
+            let since_s = before.get(e.quantity).copied().unwrap_or(t_s);
+            self.wrong_since_s.insert(e.quantity, since_s);
+            if t_s > since_s + UNDOUBTED_S {
+                worst_sds = worst_sds.max(e.in_deviations());
+            }
+        }
+        let before = core::mem::replace(&mut self.state, rig.state(k));
+        let begins = self.state == State::Descent && before != State::Descent;
+        let breaks = begins && worst_sds > 0.0 && !rig.world.vessel_is_doubted();
+        breaks.then_some((StormRule::Undoubted, worst_sds))
     }
 
     /// Checks for ignored aborts, and for descents whose order was withdrawn.
