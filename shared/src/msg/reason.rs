@@ -415,6 +415,8 @@ reasons! {
     /// A pilot or a ground station holds the drone low above the deck: height of the feet, m.
     HeldLow { "{v_two} m above the deck in another mode: a wave can lift the deck into the drone; it climbs once its \
         mode is selected again" }
+    /// The autopilot answers no TIMESYNC, so that its samples cannot be dated.
+    NoTimesync { "the autopilot does not answer TIMESYNC, so its samples have no time" }
     /// The autopilot reports no battery.
     BatteryUnknown { "the autopilot reports no battery: ArduPilot does with BATT_MONITOR = 4, PX4 with a calibrated \
         power module" }

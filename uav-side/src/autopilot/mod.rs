@@ -383,6 +383,9 @@ impl AutopilotLink {
             let own = f64::from(p.address.system);
             return Reason::new(ReasonCode::SeveralAutopilots, own, f64::from(other));
         }
+        if !self.clock.is_synchronised() {
+            return ReasonCode::NoTimesync.into();
+        }
         match self.estimate.origin.datum {
             None => ReasonCode::NoOrigin.into(),
             Some(_) if !self.estimate.heading.is_aligned(now) => ReasonCode::HeadingUnaligned.into(),

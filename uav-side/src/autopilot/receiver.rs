@@ -32,6 +32,20 @@ pub struct RelativeReport {
     pub place: Option<[[f64; 3]; 2]>,
     /// Carrier ambiguity solution; None if the report contains only the receiver's time.
     pub solution: Option<CarrierSolution>,
+    /// The receiver takes its base for a moving one, as the vessel's is.
+    pub is_moving_base: bool,
+}
+
+impl RelativeReport {
+    /// Distance to a base that does not move, m.
+    pub fn fixed_base_m(&self) -> Option<f64> {
+        let [[north, east, down], _] = self.place?;
+        if self.is_moving_base {
+            None
+        } else {
+            Some(north.hypot(east).hypot(down))
+        }
+    }
 }
 
 pub struct ReceiverDecoder {
@@ -88,6 +102,8 @@ fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
     /// refPosMiss, refObsMiss: the base's position or observations are extrapolated, with decimetres of error if the
     /// base rocks.
     const EXTRAPOLATED: u32 = 1 << 6 | 1 << 7;
+    /// isMoving.
+    const MOVING: u32 = 1 << 5;
     let (of_week_ms, place, solution) = match packet {
         PacketRef::NavPvt(p) => (p.itow(), None, None),
         PacketRef::NavRelPosNed(p) if p.flags_raw() & EXTRAPOLATED != 0 => (p.itow(), None, None),
@@ -113,15 +129,16 @@ fn report(packet: &PacketRef<'_>) -> Option<RelativeReport> {
         _ => return None,
     };
     let of_week_ns = i64::from(of_week_ms) * 1_000_000;
-    let station = match packet {
-        PacketRef::NavRelPosNed(p) => Some(p.ref_station_id()),
-        _ => None,
+    let (station, is_moving_base) = match packet {
+        PacketRef::NavRelPosNed(p) => (Some(p.ref_station_id()), p.flags_raw() & MOVING != 0),
+        _ => (None, false),
     };
     (of_week_ns < WEEK_NS).then_some(RelativeReport {
         of_week_ns,
         station,
         place,
         solution,
+        is_moving_base,
     })
 }
 
@@ -168,18 +185,29 @@ mod tests {
 
     #[test]
     fn relative_places_of_each_solution() {
-        for (flags, solution, sd) in [
-            (valid(2), CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
+        for (flags, solution, sd, base_m) in [
+            (
+                valid(2),
+                CarrierSolution::Fixed,
+                [0.0123, 0.01, 0.4],
+                Some(12.715),
+            ),
             // The base is moving.
-            (valid(2) | 1 << 5, CarrierSolution::Fixed, [0.0123, 0.01, 0.4]),
-            (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4]),
-            (valid(0), CarrierSolution::None, [2.0; 3]),
-            (valid(3), CarrierSolution::None, [2.0; 3]),
+            (
+                valid(2) | 1 << 5,
+                CarrierSolution::Fixed,
+                [0.0123, 0.01, 0.4],
+                None,
+            ),
+            (valid(1), CarrierSolution::Float, [0.2, 0.2, 0.4], Some(12.715)),
+            (valid(0), CarrierSolution::None, [2.0; 3], Some(12.715)),
+            (valid(3), CarrierSolution::None, [2.0; 3], Some(12.715)),
         ] {
             let [r] = decoded(&message(604_799_999, flags), 7)[..] else {
                 panic!("{flags:b}")
             };
             assert_eq!((r.of_week_ns, r.solution), (604_799_999_000_000, Some(solution)));
+            assert_eq!(r.fixed_base_m().map(|m| (1e3 * m).round() * 1e-3), base_m);
             let [baseline, stated] = r.place.unwrap();
             let near = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9);
             assert!(

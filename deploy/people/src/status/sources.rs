@@ -35,7 +35,7 @@ pub fn source(s: &SourceHealth) -> Finding {
         uses.rejected
     );
     let silent = match (s.age_s, &r.why) {
-        (Some(age_s), _) if age_s <= MISSING_S => None,
+        (Some(age_s), _) if age_s - r.status.delay_s <= MISSING_S => None,
         (_, Some(why)) => Some(why.to_string()),
         (Some(age_s), None) => Some(format!("nothing for {age_s:.0} s")),
         (None, None) => Some("no measurement yet".into()),
@@ -226,6 +226,15 @@ mod tests {
             finding
                 .found
                 .contains("63 of the last 63 measurements of receiver rejected")
+        );
+        // A full line is no silence.
+        let mut late = lost.clone();
+        late.age_s = Some(3.4);
+        late.report.status.delay_s = 3.3;
+        let finding = source(&late);
+        assert!(
+            finding.stops && finding.found.ends_with("; LATE: 3.3 s old"),
+            "{finding}"
         );
         let all = estimator(&drifted, &[lost]);
         let worse = &all[0];

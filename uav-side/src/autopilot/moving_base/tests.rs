@@ -96,6 +96,7 @@ fn place(
         station: None,
         place,
         solution: Some(CarrierSolution::Fixed),
+        is_moving_base: true,
     };
     let latency = Span::from_millis(20);
     base.place(
@@ -162,6 +163,7 @@ fn place_dated_by_the_receivers_own_time() {
                 station: Some(0),
                 place,
                 solution,
+                is_moving_base: true,
             };
             base.place(
                 Time::from_secs(made_s + delay_s),
@@ -189,6 +191,7 @@ fn place_relative_to_another_station() {
         station: Some(7),
         place: Some([[1.0; 3], [0.01; 3]]),
         solution: Some(CarrierSolution::Fixed),
+        is_moving_base: true,
     };
     let p = base
         .place(now, &report, Span::ZERO, &mut OutputHeaders::default())
@@ -231,6 +234,7 @@ fn link_out(receiver: &str, frames: Vec<RtcmFrames<DroneClock>>) -> (AutopilotOu
         station: Some(0),
         place: Some([[1.0; 3], [0.02; 3]]),
         solution: Some(CarrierSolution::Fixed),
+        is_moving_base: true,
     };
     let input = AutopilotIn {
         rtcm: frames,

@@ -81,6 +81,7 @@ struct Inquiry<'a> {
     computer: &'a DroneComputerConfig,
     heartbeat: Periodic<DroneClock>,
     origin_due: Periodic<DroneClock>,
+    time_due: Periodic<DroneClock>,
     /// Address and parameters of the autopilot, after its first heartbeat.
     found: Option<(Address, Parameters)>,
     report: AutopilotReport,
@@ -92,6 +93,7 @@ impl Inquiry<'_> {
             computer,
             heartbeat: Periodic::default(),
             origin_due: Periodic::default(),
+            time_due: Periodic::default(),
             found: None,
             report: AutopilotReport::default(),
         }
@@ -125,6 +127,7 @@ impl Inquiry<'_> {
             (M::GPS_GLOBAL_ORIGIN(d), Some((from, _))) if *from == sender => {
                 self.report.origin = Some(mavlink::place(d.latitude, d.longitude, d.altitude));
             }
+            (M::TIMESYNC(d), Some((from, _))) if *from == sender => self.report.dates |= d.tc1 != 0,
             (M::GPS_RAW_INT(d), Some((from, _))) if *from == sender => {
                 let geoid_m = (f64::from(d.alt_ellipsoid) - f64::from(d.alt)) * 1e-3;
                 self.report.geoid_m = (d.alt_ellipsoid != 0).then_some(geoid_m);
@@ -142,7 +145,7 @@ impl Inquiry<'_> {
         }
     }
 
-    /// Messages that are due: heartbeat, parameter request, requests for origin and heights.
+    /// Messages that are due: heartbeat, parameter request, requests for origin, heights and time.
     fn messages(&mut self, now: Time<DroneClock>) -> Vec<MavlinkMessage> {
         let own = heartbeat(
             MavAutopilot::MAV_AUTOPILOT_INVALID,
@@ -160,6 +163,13 @@ impl Inquiry<'_> {
             let ids = [m::GPS_RAW_INT_DATA::ID, m::GPS_GLOBAL_ORIGIN_DATA::ID];
             messages.extend(ids.map(|id| CommandLong::request(*to, id).into()));
         }
+        if self.found.is_some() && !self.report.dates && self.time_due.is_due_spaced(now, HEARTBEAT) {
+            let request = m::TIMESYNC_DATA {
+                ts1: now.nanos(),
+                ..m::TIMESYNC_DATA::DEFAULT
+            };
+            messages.push(M::TIMESYNC(request).into());
+        }
         messages
     }
 
@@ -167,7 +177,7 @@ impl Inquiry<'_> {
         match &self.found {
             Some((_, p)) => {
                 p.complete()
-                    && (self.report.origin.is_some() || round >= ROUNDS_WITHOUT)
+                    && (self.report.origin.is_some() && self.report.dates || round >= ROUNDS_WITHOUT)
                     && (self.computer.autopilot.vehicle != 0 || round >= ROUNDS_FOR_OTHERS)
             }
             None => round >= ROUNDS_WITHOUT,

@@ -105,6 +105,8 @@ pub struct AutopilotReport {
     pub origin: Option<Datum>,
     /// Height of the sea above the ellipsoid by its receiver, m.
     pub geoid_m: Option<f64>,
+    /// It answers TIMESYNC, so that its samples have a time.
+    pub dates: bool,
     /// System ids of two vehicles whose autopilots are both received while no vehicle is configured.
     pub several: Option<[u8; 2]>,
 }

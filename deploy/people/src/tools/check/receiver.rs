@@ -85,9 +85,19 @@ pub fn judge(found: &ReceiverCheck) -> Finding {
             format!("{bytes} bytes from the drone's GNSS receiver at {at}, none with a relative position"),
             NO_RELATIVE,
         ),
-        ReceiverReport::Received { newest: Some(_), .. } => TOPIC.fine(format!(
-            "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
-        )),
+        ReceiverReport::Received { newest: Some(r), .. } => match r.fixed_base_m() {
+            Some(base_m) => TOPIC.warning(
+                format!(
+                    "the drone's GNSS receiver has a base that does not move, station {}, {:.1} km away: not the vessel's",
+                    r.station.unwrap_or_default(),
+                    1e-3 * base_m
+                ),
+                "end the corrections of a caster at that receiver: its base is the vessel's receiver",
+            ),
+            None => TOPIC.fine(format!(
+                "the drone's GNSS receiver at {at} reports; it is sent RTCM while the drone's processes run"
+            )),
+        },
         ReceiverReport::Held { rtcm: 0, .. } => TOPIC.warning(
             "no RTCM from the vessel: its receiver is not the moving base of the drone's",
             "is it in radio reach, and does its receiver send RTCM 3? (alight help autopilots, moving base)",
@@ -115,6 +125,7 @@ mod tests {
     use super::*;
     use crate::status::finding::FindingLevel;
     use alight_shared::msg::RelativeState;
+    use alight_uav::autopilot::receiver::RelativeReport;
 
     #[test]
     fn findings_on_the_receiver() {
@@ -126,24 +137,27 @@ mod tests {
             })
         };
         let (broken, warning) = (FindingLevel::Broken, FindingLevel::Warning);
+        let received = |bytes, newest| ReceiverReport::Received { bytes, newest };
+        let of_base = |is_moving_base| {
+            let report = RelativeReport {
+                of_week_ns: 0,
+                station: Some(1042),
+                place: Some([[2400.0, -2100.0, -9.0], [0.01; 3]]),
+                solution: Some(CarrierSolution::Fixed),
+                is_moving_base,
+            };
+            received(700, Some(report))
+        };
         for (report, level, part) in [
             (ReceiverReport::Unreachable("denied".into()), broken, "denied"),
+            (received(0, None), broken, "no bytes"),
+            (received(700, None), broken, "700 bytes"),
             (
-                ReceiverReport::Received {
-                    bytes: 0,
-                    newest: None,
-                },
-                broken,
-                "no bytes",
+                of_base(false),
+                warning,
+                "station 1042, 3.2 km away: not the vessel's",
             ),
-            (
-                ReceiverReport::Received {
-                    bytes: 700,
-                    newest: None,
-                },
-                broken,
-                "700 bytes",
-            ),
+            (of_base(true), FindingLevel::Fine, "reports"),
             (
                 ReceiverReport::Held { rtcm: 0, state: None },
                 warning,

@@ -4,9 +4,10 @@ use alight_computer::subject::Computer;
 use alight_computer::vessel::deck_inputs;
 use alight_shared::autopilot_parameters::Severity;
 use alight_shared::geoid;
-use alight_shared::msg::ReasonCode;
+use alight_shared::msg::{Reason, ReasonCode};
 use alight_transport::radio::RadioConfig;
 
+use crate::explain::advice;
 use crate::status::certificate;
 use crate::status::drone::frame;
 use crate::status::finding::{Finding, FindingTopic};
@@ -78,6 +79,11 @@ pub fn judge(facts: &CheckFacts) -> Vec<Finding> {
             all.extend(reported.several.map(several_autopilots));
             all.extend(parameters(reported, d.autopilot.check_parameters));
             all.push(origin(reported));
+            if !reported.dates {
+                let code = ReasonCode::NoTimesync;
+                let finding = Reason::from(code).to_string();
+                all.push(FindingTopic("autopilot").stopping(finding, advice(code)));
+            }
         }
         (Computer::Drone(_), Some(None)) => all.push(FindingTopic("parameters").warning(
             "no heartbeat of an autopilot was received: parameters and origin were not read",

@@ -161,23 +161,15 @@ fn against(name: &str, code: ReasonCode, value: f64) -> Option<Option<AutopilotR
             .collect(),
         origin: Some(Datum::new(70.1, 19.2, 3.0)),
         geoid_m: Some(30.0),
+        dates: true,
         several: None,
     }))
 }
-fn several() -> Option<Option<AutopilotReport>> {
-    let all = reported("none", 0.0)??;
-    Some(Some(AutopilotReport {
-        several: Some([1, 2]),
-        ..all
-    }))
-}
-fn begun(origin: Option<Datum>, geoid_m: Option<f64>) -> Option<Option<AutopilotReport>> {
-    let all = reported("none", 0.0)??;
-    Some(Some(AutopilotReport {
-        origin,
-        geoid_m,
-        ..all
-    }))
+/// Report of PX4 with suitable parameters and this change.
+fn but(change: fn(&mut AutopilotReport)) -> Option<Option<AutopilotReport>> {
+    let mut report = reported("none", 0.0)??;
+    change(&mut report);
+    Some(Some(report))
 }
 
 fn worst(findings: &[Finding]) -> FindingLevel {
@@ -306,7 +298,7 @@ fn check_of_an_unprotected_radio() {
 #[test]
 fn check_of_an_origin_without_both_heights() {
     let mut facts = drone();
-    facts.reported = begun(Some(Datum::new(70.1, 19.2, 3.0)), None);
+    facts.reported = but(|r| r.geoid_m = None);
     let all = judge(&facts);
     let origin = all.iter().find(|f| f.topic == "origin").unwrap();
     assert_eq!(origin.level, FindingLevel::Fine);

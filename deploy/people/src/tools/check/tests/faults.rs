@@ -149,8 +149,15 @@ const DRONE_WARNINGS: &[Fault] = &[
         "whoever reaches the autopilot's link may order",
     ),
     (|f| f.reported = Some(None), "no heartbeat"),
-    (|f| f.reported = begun(None, Some(30.0)), "GPS_GLOBAL_ORIGIN"),
-    (|f| f.reported = several(), "of two vehicles, 1 and 2"),
+    (|f| f.reported = but(|r| r.origin = None), "GPS_GLOBAL_ORIGIN"),
+    (
+        |f| f.reported = but(|r| r.several = Some([1, 2])),
+        "of two vehicles, 1 and 2",
+    ),
+    (
+        |f| f.reported = but(|r| r.dates = false),
+        "does not answer TIMESYNC",
+    ),
     (
         |f| f.reported = reported("MC_AIRMODE", 0.0),
         "MC_AIRMODE is 0; 1 to 2 is needed",
