@@ -1,5 +1,5 @@
 //! Transports [`memory`] (iceoryx2) between processes of one computer, and [`radio`] (zenoh) between
-//! computers. No other crate depends on either middleware.
+//! computers. Of the other crates only `alight-computer` uses either: iceoryx2's POSIX layer, for scheduling.
 //!
 //! Suggested reading order: [`clock`], [`memory`], [`images`], [`wake`], [`radio`].
 
