@@ -34,14 +34,17 @@ pub struct EstimatorRun {
     pub confidence: f32,
 }
 
-/// Runs vessel, sensors and node for the warm-up and a further `span_s`.
+/// Runs vessel, sensors and node for the warm-up and a further `span_s`, without a place: the node takes quantities in
+/// the scene's NED, the frame of the truth.
 pub fn run(
     scenario: &Scenario,
     node: &VesselNodeConfig,
     seed: u64,
     span_s: f64,
 ) -> Result<EstimatorRun, SetupError> {
-    let mut physics = Physics::new(scenario, seed)?;
+    let mut scenario = scenario.clone();
+    scenario.place.among.clear();
+    let mut physics = Physics::new(&scenario, seed)?;
     let mut node = VesselNode::new(node, 1, 1);
     let mut out = EstimatorRun {
         truth: Vec::new(),
