@@ -209,10 +209,12 @@ impl<C: Clock> SourceClock<C> {
 fn step_s(newest: Option<(i64, Span)>, at_ns: i64, measured: Span, excess_s: f64) -> f64 {
     let (newest_ns, newest) = newest.unwrap_or((at_ns, measured));
     let after_s = Span::from_nanos(at_ns.saturating_sub(newest_ns)).secs();
-    let is_repeated = after_s == 0.0 && (measured - newest).secs() >= STEPPED_S;
+    let later_s = (measured - newest).secs();
+    let is_repeated = after_s == 0.0 && later_s >= STEPPED_S;
     if excess_s < 0.0 || after_s < 0.0 || is_repeated {
         STEPPED_S
-    } else if after_s > MAX_DELAY_S {
+    } else if after_s > MAX_DELAY_S && later_s.abs() > JITTER_S {
+        // A full line that loses a part is as late as before.
         HELD_UP_S
     } else {
         f64::INFINITY
@@ -258,6 +260,9 @@ mod tests {
         for k in 0..(120.0 * hz) as i64 {
             let made_s = k as f64 / hz;
             let arrives_s = made_s + delay_s(made_s) + jitter_s * ((k * 37) % 10) as f64 / 10.0;
+            if !arrives_s.is_finite() {
+                continue;
+            }
             let source_s = made_s + if made_s >= 60.0 { step_s } else { 0.0 };
             let now = Time::<VesselClock>::from_secs(100.0 + arrives_s);
             let at = c.local_time(now, (source_s * 1e9) as i64, Span::ZERO);
@@ -297,6 +302,13 @@ mod tests {
             }
         };
         let full = |rate: f64| move |t: f64| (rate * t).min(3.5);
+        let overflows = |t: f64| {
+            if (80.0..83.0).contains(&t) {
+                f64::NAN
+            } else {
+                full(0.06)(t)
+            }
+        };
         let burst = |t: f64| if (20.0..45.0).contains(&t) { 1.5 } else { 0.0 };
         for hz in [1.0, 5.0] {
             for (errors, c) in [
@@ -307,8 +319,9 @@ mod tests {
                 dated(hz, 0.0, full(0.02)),
                 dated(hz, 0.0, full(0.06)),
                 dated(hz, 0.0, burst),
+                dated(hz, 0.0, overflows),
             ] {
-                assert_eq!((errors.len() as f64, c.restarts), (120.0 * hz, 0));
+                assert!(errors.len() as f64 >= 116.0 * hz && c.restarts == 0);
                 assert!(errors.iter().all(|(_, e)| e.abs() < 0.1), "{errors:?}");
             }
         }
