@@ -2,7 +2,7 @@ use alight_shared::msg::{AttitudeFix, GnssFix};
 use proptest::prelude::*;
 use proptest::sample::Index;
 
-use crate::sensors::{Measurement, SensorDecoder, SourceMeasurement};
+use crate::sensors::{SensorDecoder, SourceMeasurement};
 
 /// NMEA sentence with checksum and line end.
 pub(crate) fn sentence(body: &str) -> String {
@@ -56,27 +56,18 @@ pub(crate) fn count(all: &[SourceMeasurement], kind: usize) -> usize {
 }
 
 pub(crate) fn attitudes(all: &[SourceMeasurement]) -> Vec<(i64, AttitudeFix)> {
-    let attitude = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Attitude(a) => Some((m.at_ns, a)),
-        _ => None,
-    };
+    let attitude = |m: &SourceMeasurement| Some((m.at_ns, *m.measurement.attitude()?));
     all.iter().filter_map(attitude).collect()
 }
 
 pub(crate) fn fixes(all: &[SourceMeasurement]) -> Vec<GnssFix> {
-    let fix = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Gnss(fix) => Some(fix),
-        _ => None,
-    };
-    all.iter().filter_map(fix).collect()
+    all.iter().filter_map(|m| m.measurement.gnss().copied()).collect()
 }
 
 pub(crate) fn headings(all: &[SourceMeasurement]) -> Vec<f64> {
-    let heading = |m: &SourceMeasurement| match m.measurement {
-        Measurement::Heading(h) => Some(h.heading),
-        _ => None,
-    };
-    all.iter().filter_map(heading).collect()
+    all.iter()
+        .filter_map(|m| Some(m.measurement.heading()?.heading))
+        .collect()
 }
 
 pub(crate) fn whole(all: Vec<f64>) -> Vec<f64> {

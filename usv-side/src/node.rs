@@ -93,9 +93,7 @@ struct SourceState {
 impl SourceState {
     /// Rejects the samples of a stuck inertial sensor, so that another one replaces it like a silent sensor.
     fn check_repetition(&mut self, m: &Measurement) -> Result<(), RejectionReason> {
-        let Measurement::Imu(sample) = m else {
-            return Ok(());
-        };
+        let Some(sample) = m.imu() else { return Ok(()) };
         self.counts.is_stuck = self.repetition.is_stuck(sample);
         self.counts.stuck += u64::from(self.counts.is_stuck);
         if self.counts.is_stuck {

@@ -231,7 +231,8 @@ mod tests {
         const STATUS: &str = "certificate drone findings mod sources vessel";
         const FOUND: &str = ".warning(~.broken(~.stopping(~found =~FOUND: &str =~Some(~begins =~counts =~unknown(~\
                              =>~(|| {~unit)|~|id|~in [";
-        const SENSORS: &str = "bus bus/devices bus/network heights signalk/mod nmea/account rtcm ubx";
+        const SENSORS: &str =
+            "age_counts bus bus/devices bus/network heights node plausible signalk/mod nmea/account rtcm ubx";
         const STYLES: &str =
             "font prefers element( aria camera-image track-scale turns wide title padStart describe(";
         let read = |name: &str| {
@@ -261,7 +262,11 @@ mod tests {
                 "signing",
                 "other_key,~old,~unsigned,~unchecked,",
             ),
-            ("usv-side/src/sensors", SENSORS, "::fault("),
+            (
+                "usv-side/src/sensors",
+                SENSORS,
+                "::fault(~::fine(~text =~=>~=> (~ {",
+            ),
         ] {
             for begin in begins.split('~') {
                 let code = names.split(' ').map(|name| read(&format!("{folder}/{name}.rs")));

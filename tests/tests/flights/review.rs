@@ -195,12 +195,7 @@ fn review_of_quantities_on_rows_of_their_own() {
     )
     .unwrap();
     assert_eq!((recorded.decoded.good, recorded.decoded.corrupted), (3000, 0));
-    let attitudes = || {
-        recorded.measurements.iter().filter_map(|m| match m {
-            Measurement::Attitude(a) => Some(a),
-            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
-        })
-    };
+    let attitudes = || recorded.measurements.iter().filter_map(Measurement::attitude);
     // Every fix that has a row must be kept.
     let fixes = recorded.measurements.iter().filter(|m| m.kind() == 1).count();
     let rated = attitudes().filter(|a| a.rates.is_some());

@@ -18,7 +18,7 @@ const FORMATS: &str = "NMEA 0183 text, NMEA 2000 as a gateway's text, deltas of 
                        `python -m alight.convert FILE`";
 /// Signatures of recordings that are not read, and what to do: captures of packets (pcap in both byte orders and
 /// resolutions, pcapng), recordings that are converted first, and other loggers of NMEA 2000.
-const FOREIGN: [(&[u8], &str); 11] = [
+const FOREIGN: [(&[u8], &str); 12] = [
     (&[0xd4, 0xc3, 0xb2, 0xa1], CAPTURE),
     (&[0xa1, 0xb2, 0xc3, 0xd4], CAPTURE),
     (&[0x4d, 0x3c, 0xb2, 0xa1], CAPTURE),
@@ -47,6 +47,10 @@ const FOREIGN: [(&[u8], &str); 11] = [
     (
         b";$FILEVERSION=",
         "a trace of PCAN-View: record by candump -L, or convert it to that format",
+    ),
+    (
+        b"Sequence #,",
+        "a table of NMEA 2000 messages by N2KAnalyzer (Maretron): record by candump -L, or convert it to canboat's plain format",
     ),
 ];
 const CAPTURE: &str = "a packet capture: extract the payload into a file (tshark, tcpflow)";
@@ -120,7 +124,7 @@ impl Gather {
     fn missing(&self) -> String {
         let is_place =
             |m: &Measurement| matches!(m, Measurement::Gnss(g) if g.position_sd[0] < NOT_MEASURED_SD);
-        let is_heading = |m: &Measurement| matches!(m, Measurement::Heading(_));
+        let is_heading = |m: &Measurement| m.heading().is_some();
         let is_tilt = |m: &Measurement| matches!(m, Measurement::Attitude(_) | Measurement::Imu(_));
         let any = |is: &dyn Fn(&Measurement) -> bool| self.measurements.iter().any(is);
         let kinds = [
@@ -339,10 +343,7 @@ mod tests {
         let [table, _] = good();
         let table = String::from_utf8(table).unwrap().replace(",0.25,", ",30,");
         let r = read(table.as_bytes(), "log", &Mount::default()).unwrap();
-        let heaves = r.measurements.iter().map(|m| match m {
-            Measurement::Attitude(a) => Some(a.heave),
-            Measurement::Imu(_) | Measurement::Gnss(_) | Measurement::Heading(_) => None,
-        });
+        let heaves = r.measurements.iter().map(|m| Some(m.attitude()?.heave));
         assert_eq!(heaves.flatten().collect::<Vec<_>>(), [None; 200]);
         let notes = r.notes.join("\n");
         for part in ["heave is beyond", "roll and pitch are used", "mount.heave"] {
@@ -367,22 +368,23 @@ mod tests {
 
     #[test]
     fn recordings_that_are_converted_first() {
-        let begins: [(&[u8], &str); 6] = [
-            (b"$VNINS,1,2,0,1,2,3*00\n", "too few"),
-            (b"ULog\x01\x12\x35\x01rest", "ULog"),
-            (b"\xa3\x95\x80rest", "DataFlash"),
-            (b"#ROSBAG V2.0\nrest", "ROS 1"),
-            (b"SQLite format 3\0rest", "ROS 2"),
-            (b"#INSPVAA,COM1,0,73.5;1264,1\n", "`t_s` is missing"),
+        const CONVERT: &str = "`python -m alight.convert FILE`";
+        let begins: [(&[u8], &str, &str); 9] = [
+            (b"$VNINS,1,2,0,1,2,3*00\n", "too few", CONVERT),
+            (b"ULog\x01\x12\x35\x01rest", "ULog", CONVERT),
+            (b"\xa3\x95\x80rest", "DataFlash", CONVERT),
+            (b"#ROSBAG V2.0\nrest", "ROS 1", CONVERT),
+            (b"SQLite format 3\0rest", "ROS 2", CONVERT),
+            (b"#INSPVAA,COM1,0,73.5;1264,1\n", "`t_s` is missing", CONVERT),
+            (&ACTISENSE, "Actisense", "actisense-serial -r"),
+            (b";$FILEVERSION=1.1", "PCAN-View", "candump -L"),
+            (b"Sequence #,Timestamp,PGN\n", "N2KAnalyzer", "candump -L"),
         ];
-        for (bytes, name) in begins {
+        for (bytes, name, remedy) in begins {
             let e = read(bytes, "boat.log", &Mount::default())
                 .unwrap_err()
                 .to_string();
-            assert!(
-                e.contains(name) && e.contains("`python -m alight.convert FILE`"),
-                "{e}"
-            );
+            assert!(e.contains(name) && e.contains(remedy), "{e}");
         }
     }
 

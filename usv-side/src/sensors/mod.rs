@@ -111,15 +111,21 @@ macro_rules! of_any_kind {
 }
 
 macro_rules! measurement_from {
-    ($($kind:ident $message:ty),*) => {$(
-        impl From<$message> for Measurement {
+    ($($kind:ident $name:ident $message:ty),*) => {
+        impl Measurement {$(
+            /// The message, if it is of this kind.
+            pub const fn $name(&self) -> Option<&$message> {
+                if let Measurement::$kind(m) = self { Some(m) } else { None }
+            }
+        )*}
+        $(impl From<$message> for Measurement {
             fn from(m: $message) -> Self {
                 Measurement::$kind(m)
             }
-        }
-    )*};
+        })*
+    };
 }
-measurement_from!(Imu ImuSample, Gnss GnssFix, Heading HeadingFix, Attitude AttitudeFix);
+measurement_from!(Imu imu ImuSample, Gnss gnss GnssFix, Heading heading HeadingFix, Attitude attitude AttitudeFix);
 
 impl Measurement {
     pub fn header(&self) -> &Header<VesselClock> {
@@ -199,6 +205,9 @@ pub trait SensorDecoder {
         None
     }
 }
+
+/// Quantity whose stated accuracy nothing confirms or contradicts.
+pub const UNWITNESSED: &str = "unwitnessed";
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Remark {

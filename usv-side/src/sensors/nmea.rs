@@ -411,11 +411,15 @@ impl NmeaDecoder {
         }
         self.decoded.by_arrival += (self.timeless.len() - before) as u64;
     }
+    /// Rate of turn that is dated by its arrival, if it is fresh, rad/s.
+    fn own_rate(&self, now_ns: Option<i64>) -> Option<f64> {
+        let (rate, at_ns) = self.own_rate?;
+        (now_ns? - at_ns <= RATE_AGE_NS).then_some(rate)
+    }
     fn own_heading(&mut self, now_ns: i64, heading: f64, heading_sd: f64) {
-        let rate = self.own_rate.filter(|(_, at)| now_ns - at <= RATE_AGE_NS);
         let fix = HeadingFix {
             heading_sd,
-            rate: rate.map(|(rate, _)| rate),
+            rate: self.own_rate(Some(now_ns)),
             ..self.mounting.heading_fix(self.mounting.heading(heading))
         };
         self.timeless.push(fix.into());
@@ -453,6 +457,7 @@ impl NmeaDecoder {
 
     /// Emits complete measurements, and at the end of the epoch also incomplete ones.
     fn emit(&mut self, last: bool, out: &mut Vec<SourceMeasurement>) {
+        let own_rate = self.own_rate(self.attribution.now_ns);
         let Some(e) = self.epoch.as_mut() else { return };
         let at_ns = e.at_ns;
         let waits = |here: bool, partner: Partner| !here && !last && partner.is_due(at_ns);
@@ -487,7 +492,7 @@ impl NmeaDecoder {
             e.headed = true;
             let fix = HeadingFix {
                 heading_sd,
-                rate: e.rate,
+                rate: e.rate.or(own_rate),
                 ..self.mounting.heading_fix(self.mounting.heading(heading))
             };
             out.push(SourceMeasurement::new(at_ns, fix));

@@ -15,7 +15,7 @@ use super::plausible::{Movement, Plausibility};
 use super::rtcm::RtcmTraffic;
 use super::{
     Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
-    SourcesConfig,
+    SourcesConfig, UNWITNESSED,
 };
 use crate::VesselNodeConfig;
 use crate::node::KINDS;
@@ -28,9 +28,6 @@ const WITHIN: u8 = 2;
 const WHOSE: [&str; WITHIN as usize + 1] = ["", "second receiver: ", "odometry: "];
 /// Threshold above which a time is since 1970, not since the source's start, ns.
 const EPOCH_NS: i64 = 1_000_000_000_000_000_000;
-/// Remark on a heading whose stated accuracy has no witness.
-const UNWITNESSED: &str =
-    "heading: unwitnessed: no second compass, rate of turn or course over ground confirms or contradicts it";
 const REQUEST_PERIOD: Span = Span::from_millis(1000);
 
 /// Bytes of each source since the last step, in configured order.
@@ -236,15 +233,9 @@ impl Source {
 }
 
 fn fixed(m: &Measurement) -> Option<Datum> {
-    match m {
-        Measurement::Gnss(fix) if fix.position_sd[0] < NOT_MEASURED_SD => {
-            let [x, y, z] = fix.position;
-            Some(fix.datum.at::<VesselNed>(&Vector::new(x, y, z)))
-        }
-        Measurement::Gnss(_) | Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => {
-            None
-        }
-    }
+    let fix = m.gnss().filter(|fix| fix.position_sd[0] < NOT_MEASURED_SD)?;
+    let [x, y, z] = fix.position;
+    Some(fix.datum.at::<VesselNed>(&Vector::new(x, y, z)))
 }
 
 /// Age counts by kind with the limits that a default estimator's configuration has.
@@ -291,9 +282,15 @@ impl SensorNode {
     /// Remarks on each source, in addition to its statistics.
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
         let mut all: Vec<Vec<Remark>> = self.sources.iter().map(Source::remarks).collect();
-        let unwitnessed = self.movement.unwitnessed().map(|sensor| sensor / WHOSE.len());
-        if let Some(remarks) = unwitnessed.and_then(|source| all.get_mut(source)) {
-            remarks.push(Remark::fine(UNWITNESSED.into()));
+        for (source, remarks) in all.iter_mut().enumerate() {
+            let own =
+                |(sensor, name): (usize, &'static str)| (sensor / WHOSE.len() == source).then_some(name);
+            let own: Vec<&str> = self.movement.unwitnessed().filter_map(own).collect();
+            if !own.is_empty() {
+                let names = own.join(", ");
+                let text = format!("{names} {UNWITNESSED}: nothing else on board confirms or contradicts it");
+                remarks.push(Remark::fine(text));
+            }
         }
         all
     }

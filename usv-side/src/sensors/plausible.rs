@@ -12,12 +12,10 @@ mod part;
 mod standstill;
 mod verdict;
 
-use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
+use alight_shared::msg::{AttitudeFix, GnssFix, MAX_SOURCES, NOT_MEASURED_SD};
 use alight_shared::time::{Span, Time, VesselClock};
 
-use self::agreement::{Agreement, Lengths};
+use self::agreement::{Agreement, DERIVATIVES, YAW_RATE_S};
 use self::antenna::Inverted;
 use self::drift::Drift;
 use self::heave::Heave;
@@ -54,38 +52,8 @@ const MAX_MEAN_TILT_RAD: f64 = 1.05;
 const HEADING: usize = 2;
 const ATTITUDE: usize = 3;
 
-/// Difference of two values that noise explains, in standard deviations: sqrt 2 times 3.
-const NOISE: f64 = 3.0 * core::f64::consts::SQRT_2;
-/// Minimum standard deviation assumed for a tilt (0.2 deg), a heading (1 deg), rad, and a position, m.
-const MIN_TILT_SD: f64 = 0.0035;
-const MIN_HEADING_SD: f64 = 0.017;
-const MIN_POSITION_SD_M: f64 = 0.3;
 /// Permitted error of a rate of turn, rad/s: gyroscope bias, 1 deg/s.
 const RATE_ERROR_RADPS: f64 = 0.0175;
-/// Permitted error of a velocity, m/s, in addition to its noise: waves not resolved by the receiver's rate.
-const VELOCITY_ERROR_MPS: f64 = 0.3;
-/// Maximum distance between two equal places, m: rounding errors.
-const SAME_PLACE_M: f64 = 1e-6;
-/// Fraction of a change by which the integral of its rate may differ: half for a simultaneous rate; above one
-/// for a smoothed rate (of turn, or a course), because smoothing removes at most the whole change.
-const EXACT: f64 = 0.5;
-const SMOOTHED: f64 = 1.5;
-
-const OF_TILT: Lengths = Lengths {
-    interval_s: 1.0,
-    step_s: 0.35,
-    window: 30,
-};
-const OF_HEADING: Lengths = Lengths {
-    interval_s: 5.0,
-    step_s: 0.6,
-    window: 12,
-};
-const OF_POSITION: Lengths = Lengths {
-    interval_s: 5.0,
-    step_s: 2.5,
-    window: 12,
-};
 
 #[derive(Clone, Debug)]
 pub(crate) struct Judged {
@@ -101,12 +69,10 @@ pub(crate) struct Plausibility {
     /// Verdict on each part, in the order of [`PARTS`].
     verdicts: [ChannelState; PARTS.len()],
     heave: Heave,
-    rates: Agreement<[f64; 2]>,
-    /// Newest yaw rate sent with an attitude, rad/s, and its agreement with the heading.
+    /// Agreements in the order of [`DERIVATIVES`].
+    derivatives: [Agreement; DERIVATIVES.len()],
+    /// Newest yaw rate sent with an attitude, rad/s.
     newest_yaw_rate: Option<(Time<VesselClock>, f64)>,
-    yaw_rate: Agreement<f64>,
-    rate_of_turn: Agreement<f64>,
-    velocity: Agreement<(Datum, [f64; 3])>,
     /// Newest height, m.
     newest_height: Option<(Time<VesselClock>, f64)>,
     /// Heading across or against the course, at present.
@@ -119,35 +85,20 @@ impl Plausibility {
     /// Checks a measurement, including its contradictions with other sensors (`by_others`).
     pub(crate) fn take(&mut self, mut m: Measurement, by_others: &Contradicted) -> Judged {
         let (at, mut is_kept, mut retracted) = (m.at(), true, Vec::new());
-        let passed = Taken {
-            believed: true,
-            since: None,
-        };
-        let none = (Part::Tilt, None);
-        let parts = match &m {
-            Measurement::Imu(sample) => {
-                let force = self.force(at, sample.accelerometer);
-                [(Part::Force, Some(force)), none, none, none]
-            }
+        let mut parts = self.rates(&m);
+        match &m {
+            Measurement::Imu(sample) => parts.push((Part::Force, self.force(at, sample.accelerometer))),
             Measurement::Attitude(fix) => {
-                let heave = fix.heave.map(|h| self.heave(fix, h, by_others.heave_per_height));
-                let rates = fix.rates.map(|r| self.rates(fix, r));
-                let by_heading = rates.map(|_| Taken {
-                    believed: !self.verdict(Part::YawRate).is_out(),
-                    since: None,
-                });
-                [
-                    (Part::Heave, heave),
-                    (Part::Rates, rates),
-                    (Part::YawRate, by_heading),
-                    (Part::Tilt, Some(self.tilt(fix, by_others.inverted))),
-                ]
+                parts.extend(
+                    fix.heave
+                        .map(|h| (Part::Heave, self.heave(fix, h, by_others.heave_per_height))),
+                );
+                let by_heading = !self.verdict(Part::YawRate).is_out();
+                parts.extend(fix.rates.map(|_| (Part::YawRate, Taken::now(by_heading))));
+                parts.push((Part::Tilt, self.tilt(fix, by_others.inverted)));
             }
-            Measurement::Heading(fix) => {
+            Measurement::Heading(_) => {
                 self.drift = by_others.drift;
-                let since = self.compare_yaw_rate(fix);
-                retracted.extend(since.map(|since| (Part::YawRate, since)));
-                let rate = fix.rate.map(|r| self.rate_of_turn(fix, r));
                 let is_course = by_others.is_course;
                 let loses = self
                     .verdict(Part::Heading)
@@ -156,27 +107,24 @@ impl Plausibility {
                     believed: is_course.is_none(),
                     since: if loses { is_course } else { None },
                 };
-                [
-                    (Part::RateOfTurn, rate),
-                    (Part::Heading, Some(heading)),
-                    none,
-                    none,
-                ]
+                parts.push((Part::Heading, heading));
             }
             Measurement::Gnss(fix) => {
-                let velocity = (has_velocity(fix) && has_place(fix)).then(|| self.velocity(fix));
-                let height = has_height(fix).then(|| self.height(fix));
+                if has_height(fix) {
+                    parts.push((Part::Height, self.height(fix)));
+                }
                 self.verdict(Part::Place).judge(at, None);
-                [
-                    (Part::Velocity, velocity),
-                    (Part::Height, height),
-                    (Part::Place, has_place(fix).then_some(passed)),
-                    none,
-                ]
+                if has_place(fix) {
+                    parts.push((Part::Place, Taken::now(true)));
+                }
             }
-        };
-        for (part, taken) in parts {
-            let Some(mut taken) = taken else { continue };
+        }
+        for (part, mut taken) in parts {
+            // A heading tells about the yaw rate of the attitudes.
+            if matches!((part, &m), (Part::YawRate, Measurement::Heading(_))) {
+                retracted.extend(taken.since.map(|since| (part, since)));
+                continue;
+            }
             let mut channels = part.channels().iter().filter(|_| taken.believed);
             if let Some(standstill) = channels.find_map(|c| by_others.still(*c)) {
                 self.verdict(part).reject(at, Doubt::Standstill(standstill, at));
@@ -222,95 +170,24 @@ impl Plausibility {
         let lasts = !is_gap && (at - begun).secs() > 2.0 * GRAVITY_S && size > 1.0;
         let doubt = (lasts && off > MAX_MEAN_TILT_RAD).then_some(Doubt::Axes(off));
         self.verdict(Part::Force).take(at, doubt);
-        Taken {
-            believed: doubt.is_none(),
-            since: None,
-        }
+        Taken::now(doubt.is_none())
     }
 
-    /// Checks angular rates against `roll' = p + (q sin + r cos) tan pitch`, `pitch' = q cos - r sin`.
-    fn rates(&mut self, fix: &AttitudeFix, rates: [f64; 3]) -> Taken {
-        let [roll, pitch] = fix.tilt;
-        let ([p, q, r], (sin, cos)) = (rates, roll.sin_cos());
-        let of_angles = [p + (q * sin + r * cos) * pitch.tan(), q * cos - r * sin];
-        let noise = NOISE * fix.tilt_sd.max(MIN_TILT_SD);
-        let rate = bounded(&rates, MAX_TURN_RADPS).map(|()| of_angles);
-        if rate.is_ok() && pitch.abs() < MAX_TILT_RAD {
-            self.newest_yaw_rate = Some((fix.header.at, (q * sin + r * cos) / pitch.cos()));
+    /// Compares each rate of a measurement with the quantity that it changes.
+    fn rates(&mut self, m: &Measurement) -> Vec<(Part, Taken)> {
+        let at = m.at();
+        if let Some(rate) = m.attitude().and_then(agreement::yaw_rate) {
+            self.newest_yaw_rate = Some((at, rate));
         }
-        let verdict = &mut self.verdicts[Part::Rates as usize];
-        self.rates.take(
-            (verdict, &OF_TILT),
-            fix.header.at,
-            fix.tilt,
-            rate,
-            |from, to, integral| {
-                let change = [wrap_angle(to[0] - from[0]), to[1] - from[1]];
-                let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
-                Some((off, off > noise + EXACT * f64::hypot(change[0], change[1])))
-            },
-        )
-    }
-
-    /// Compares the newest yaw rate with the heading. Returns the start of a detected disagreement.
-    fn compare_yaw_rate(&mut self, fix: &HeadingFix) -> Option<Time<VesselClock>> {
-        let at = fix.header.at;
-        let (then, rate) = self.newest_yaw_rate?;
-        if (at - then).abs().secs() > OF_TILT.step_s {
-            return None;
-        }
-        let verdict = &mut self.verdicts[Part::YawRate as usize];
-        self.yaw_rate
-            .take(
-                (verdict, &OF_HEADING),
-                at,
-                fix.heading,
-                Ok([rate, 0.0]),
-                turn_by_heading(fix),
-            )
-            .since
-    }
-    fn rate_of_turn(&mut self, fix: &HeadingFix, rate: f64) -> Taken {
-        let rate = bounded(&[rate], MAX_TURN_RADPS).map(|()| [rate, 0.0]);
-        let verdict = &mut self.verdicts[Part::RateOfTurn as usize];
-        self.rate_of_turn.take(
-            (verdict, &OF_HEADING),
-            fix.header.at,
-            fix.heading,
-            rate,
-            turn_by_heading(fix),
-        )
-    }
-
-    /// Compares the way made good with the velocity; the direction has the tolerance of a smoothed course.
-    fn velocity(&mut self, fix: &GnssFix) -> Taken {
-        let sd = fix.position_sd[0].max(fix.position_sd[1]);
-        let rate_sd = fix.velocity_sd[0].max(fix.velocity_sd[1]);
-        let noise =
-            NOISE * sd.max(MIN_POSITION_SD_M) + OF_POSITION.interval_s * (3.0 * rate_sd + VELOCITY_ERROR_MPS);
-        let [north, east, _] = fix.velocity;
-        let rate = bounded(&[north.hypot(east)], MAX_SPEED_MPS).map(|()| [north, east]);
-        let place = (fix.datum, fix.position);
-        let verdict = &mut self.verdicts[Part::Velocity as usize];
-        self.velocity.take(
-            (verdict, &OF_POSITION),
-            fix.header.at,
-            place,
-            rate,
-            |from, to, integral| {
-                let apart = from.0.to::<VesselNed>(&to.0).0;
-                let change = [apart.x + to.1[0] - from.1[0], apart.y + to.1[1] - from.1[1]];
-                let moved = f64::hypot(change[0], change[1]);
-                // A repeated place does not test the velocity, whatever its height.
-                if moved <= SAME_PLACE_M {
-                    return None;
-                }
-                let further = (moved - f64::hypot(integral[0], integral[1])).abs();
-                let off = f64::hypot(change[0] - integral[0], change[1] - integral[1]);
-                let disagrees = further > noise + EXACT * moved || off > noise + SMOOTHED * moved;
-                Some((off, disagrees))
-            },
-        )
+        let is_fresh = |(then, _): &(Time<VesselClock>, f64)| (at - *then).abs().secs() <= YAW_RATE_S;
+        let yaw_rate = self.newest_yaw_rate.filter(is_fresh).map(|(_, rate)| rate);
+        let rows = DERIVATIVES.iter().zip(&mut self.derivatives);
+        let compared = rows.filter_map(|(row, agreement)| {
+            let rate = (row.rate)(m, yaw_rate)?;
+            let verdict = self.verdicts.get_mut(row.part as usize)?;
+            Some((row.part, agreement.take((verdict, row), m, rate)))
+        });
+        compared.collect()
     }
 
     fn height(&mut self, fix: &GnssFix) -> Taken {
@@ -344,10 +221,7 @@ impl Plausibility {
         let verdict = self.verdict(Part::Tilt);
         let passes = verdict.is_out() && verdict.was_impossible(at, PASSING_S);
         verdict.take(at, doubt);
-        Taken {
-            believed: doubt.is_none() && !passes,
-            since: None,
-        }
+        Taken::now(doubt.is_none() && !passes)
     }
 
     fn verdict(&mut self, part: Part) -> &mut ChannelState {
@@ -418,20 +292,6 @@ fn doubt_text(doubt: Doubt, t: &Texts) -> String {
     }
 }
 
-/// Compares a rate of turn with the change of heading (rad) over an interval.
-fn turn_by_heading(fix: &HeadingFix) -> impl FnOnce(f64, f64, [f64; 2]) -> Option<(f64, bool)> {
-    let noise = NOISE * fix.heading_sd.max(MIN_HEADING_SD) + OF_HEADING.interval_s * RATE_ERROR_RADPS;
-    move |from: f64, to: f64, [turned, _]: [f64; 2]| {
-        // A repeated heading does not test the rate.
-        if from.to_bits() == to.to_bits() {
-            return None;
-        }
-        let change = wrap_angle(to - from);
-        let off = wrap_angle(change - turned).abs();
-        Some((off, off > noise + SMOOTHED * change.abs()))
-    }
-}
-
 /// Checks that magnitudes are within a bound, or returns the largest. NaN exceeds any bound.
 fn bounded(values: &[f64], bound: f64) -> Result<(), Doubt> {
     let beyond = values.iter().filter(|v| !(-bound..=bound).contains(*v));
@@ -443,6 +303,9 @@ fn bounded(values: &[f64], bound: f64) -> Result<(), Doubt> {
 
 fn has_velocity(fix: &GnssFix) -> bool {
     fix.velocity_sd[0].max(fix.velocity_sd[1]) < NOT_MEASURED_SD
+}
+fn has_climb(fix: &GnssFix) -> bool {
+    fix.velocity_sd[2] < NOT_MEASURED_SD
 }
 fn has_place(fix: &GnssFix) -> bool {
     fix.position_sd[0].max(fix.position_sd[1]) < NOT_MEASURED_SD

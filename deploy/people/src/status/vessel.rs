@@ -9,6 +9,7 @@ use alight_shared::msg::{
     DroneStatus, EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, still_armed,
 };
 use alight_shared::process::ProcessKind;
+use alight_usv::sensors::UNWITNESSED;
 
 use super::finding::{Finding, FindingLevel, FindingTopic};
 use super::go::Go;
@@ -360,7 +361,13 @@ pub fn figures(s: &ObservedSituation, known: &VesselReport, status: &VesselStatu
     if !sources.is_empty() {
         let working = sources.iter().filter(|s| source(s).level == FindingLevel::Fine);
         let value = format!("{} of {} work", working.count(), sources.len());
-        all.push(Figure::of("source", value, ""));
+        let mut remarks = sources.iter().flat_map(|s| s.report.remarks.iter());
+        let unwitnessed = remarks.find(|r| r.text.as_str().contains(UNWITNESSED));
+        all.push(Figure::of(
+            "source",
+            value,
+            unwitnessed.map_or("", |r| r.text.as_str()),
+        ));
     }
     if let Some(c) = known.certificate.read() {
         let value = format!("{} days left", c.days_left);

@@ -31,6 +31,9 @@ fn csv_column_groups() {
         "{g:?}"
     );
     assert_eq!((r.measurements.len(), r.decoded.good), (180, 60));
+    let commented = format!("# a logger's line\n{}", table(60));
+    let same = crate::log::read(commented.as_bytes(), "t", &Mount::default()).unwrap();
+    assert!(same.measurements == r.measurements);
     assert!(r.notes.is_empty(), "{:?}", r.notes);
 }
 

@@ -219,15 +219,25 @@ fn device_that_stands_still_while_another_turns() {
 
 #[test]
 fn headings_of_two_devices_that_contradict_each_other() {
-    for (apart, tenths, is_finding) in [(0.25, 590, false), (0.25, 620, true), (0.05, 900, false)] {
+    for (apart, tenths, is_finding, is_told) in [
+        (0.25, 590, false, false),
+        (0.25, 620, true, true),
+        (0.075, 620, false, true),
+        (0.05, 900, false, false),
+    ] {
         let mut bus = SensorBus::default();
         used_of_two(&mut bus, tenths, |device, k| {
             let turned = if device == 2 { apart } else { 0.0 };
             Some(heading(1.0 + turned + 0.1 * (0.05 * k as f64).sin()))
         });
         let texts = texts(&bus);
-        let text = "heading of devices 1 and 2 differ by 14.3 deg over the last 60 s";
+        let text = "deg over the last 60 s: more than their accuracies allow";
         assert_eq!(texts.contains(text), is_finding, "{apart} {tenths}: {texts}");
+        let differ = format!(
+            "heading of devices 1 and 2 differ by {:.1} deg",
+            f64::to_degrees(apart)
+        );
+        assert_eq!(texts.contains(&differ), is_told, "{apart} {tenths}: {texts}");
         assert_eq!(texts.contains("heading = \"DEVICE\""), is_finding, "{texts}");
     }
 }

@@ -266,3 +266,13 @@ proptest! {
         prop_assert!(all.len() <= 40);
     }
 }
+
+#[test]
+fn n2k_binary_frames_of_a_gateway() {
+    let mut decoder = N2kDecoder::new(&Mounting::new(&Mount::default()));
+    let frame = [&ACTISENSE[..], &[8, 2, 0, 0xf1, 1, 10]].concat();
+    decoder.push(&frame, &mut Vec::new());
+    let remarks = decoder.remarks();
+    assert!(remarks[0].text.contains("Actisense-binary"), "{remarks:?}");
+    assert_eq!(remarks[0].remedy.as_deref(), Some(BINARY));
+}

@@ -371,9 +371,7 @@ mod tests {
                 let tilts = out.iter().filter(|m| m.measurement.kind() == 3);
                 for (at, m) in (0..).zip(tilts) {
                     assert_eq!(m.at_ns, 43_200_000_000_000 + 100_000_000 * at, "{k}");
-                    let Measurement::Attitude(a) = m.measurement else {
-                        panic!("{m:?}");
-                    };
+                    let a = m.measurement.attitude().unwrap();
                     assert!(
                         (a.tilt[0] + 0.1).abs() < 1e-9 && (a.tilt[1] - 0.1).abs() < 1e-9,
                         "{k}: {a:?}"

@@ -59,7 +59,7 @@ mod tests {
     use super::*;
     use crate::fixtures::sentence;
     use crate::sensors::nmea::NmeaDecoder;
-    use crate::sensors::{Measurement, Mount, Mounting, SensorDecoder, SourceMeasurement};
+    use crate::sensors::{Mount, Mounting, SensorDecoder, SourceMeasurement};
     use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
 
     const S: i64 = 1_000_000_000;
@@ -95,9 +95,9 @@ mod tests {
         for (k, (_, body)) in sentences.iter().enumerate() {
             let mut out: Vec<SourceMeasurement> = Vec::new();
             d.push(sentence(body).as_bytes(), &mut out);
-            all.extend(out.into_iter().filter_map(|m| match m.measurement {
-                Measurement::Gnss(fix) => Some((k, m.at_ns / 10_000_000 - 12 * 360_000, fix)),
-                Measurement::Imu(_) | Measurement::Heading(_) | Measurement::Attitude(_) => None,
+            all.extend(out.iter().filter_map(|m| {
+                let fix = *m.measurement.gnss()?;
+                Some((k, m.at_ns / 10_000_000 - 12 * 360_000, fix))
             }));
         }
         all

@@ -49,6 +49,8 @@ fn sensor_node_with_two_sources() {
     assert_eq!(imu, 0);
     let steps: Vec<f64> = times.windows(2).skip(5).map(|w| (w[1] - w[0]).secs()).collect();
     assert!(steps.iter().all(|s| (s - 0.1).abs() < 1e-3), "jitter: {steps:?}");
+    let is_unwitnessed = |r: &Remark| r.text.contains(UNWITNESSED);
+    assert!(!n.remarks().iter().flatten().any(is_unwitnessed), "two of each");
     let status = n.status();
     assert_eq!((status[0].given, status[0].duplicated), ([0, 50, 50, 50], 0));
 }
@@ -68,6 +70,11 @@ fn sensor_node_repeated_and_reordered_messages() {
         given += step(&mut n, at(k), &[text.as_bytes()]).attitude.len();
     }
     let s = n.status()[0];
+    let last = n.remarks()[0].last().map(|r| r.text.clone()).unwrap_or_default();
+    assert!(
+        last.starts_with("position, roll and pitch, heading unwitnessed: "),
+        "{last}"
+    );
     assert_eq!(given, 40);
     assert!(s.duplicated >= 4 && s.out_of_order >= 8, "{s:?}");
     assert_eq!(s.decoded.corrupted, 0);
@@ -106,6 +113,27 @@ fn sensor_node_across_a_leap_second() {
             .starts_with("its clock changed 1 times, most recently by -1.0"),
         "{remark:?}"
     );
+}
+
+#[test]
+fn sensor_node_of_a_heading_that_stands_still_while_the_boat_turns() {
+    // A rate of turn at 10 Hz is dated by its arrival, the heading at 2 Hz by the receiver's time.
+    for swing in [3.0, 0.0] {
+        let (mut n, mut used) = (node(1), 0);
+        for k in 0..600 {
+            let phase = core::f64::consts::TAU * k as f64 / 90.0;
+            let mut text = sentence(&format!("TIROT,{:.1},A", 126.0 * phase.cos()));
+            if k % 5 == 0 {
+                text += messages(k).split_inclusive('\n').next_back().unwrap_or_default();
+                text += &sentence(&format!("HEHDT,{:.1},T", 90.0 + swing * phase.sin()));
+            }
+            let given = step(&mut n, at(k), &[text.as_bytes()]).heading.len();
+            used += if k > 300 { given } else { 0 };
+        }
+        let is_found = |r: &Remark| r.text.starts_with("heading stands still");
+        assert_eq!(n.remarks()[0].iter().any(is_found), swing == 0.0);
+        assert_eq!(used == 0, swing == 0.0, "{used}");
+    }
 }
 
 #[test]

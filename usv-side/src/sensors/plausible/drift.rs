@@ -94,6 +94,9 @@ impl DriftAngle {
             None => Some((at, at, [cos, sin])),
         };
     }
+    pub(super) fn has_velocity(&self) -> bool {
+        self.course.is_some()
+    }
     /// Whether the boat moves, so that the course tells about the heading.
     pub(super) fn has_course(&self) -> bool {
         self.mean.is_some()

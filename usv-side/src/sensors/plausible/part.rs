@@ -3,7 +3,7 @@
 use alight_shared::msg::NOT_MEASURED_SD;
 
 use super::standstill::Channel;
-use super::{has_height, has_place, has_velocity};
+use super::{has_climb, has_height, has_place, has_velocity};
 use crate::sensors::Measurement;
 
 #[derive(Clone, Copy, Debug)]
@@ -24,10 +24,12 @@ pub(super) enum Part {
     RateOfTurn,
     /// Velocity of a fix.
     Velocity,
+    /// Vertical velocity of a fix.
+    Climb,
     /// Height of a fix.
     Height,
 }
-pub(super) const PARTS: [Part; 10] = [
+pub(super) const PARTS: [Part; 11] = [
     Part::Force,
     Part::Tilt,
     Part::Heading,
@@ -37,6 +39,7 @@ pub(super) const PARTS: [Part; 10] = [
     Part::YawRate,
     Part::RateOfTurn,
     Part::Velocity,
+    Part::Climb,
     Part::Height,
 ];
 
@@ -62,6 +65,11 @@ impl Part {
                 (m.velocity, m.velocity_sd) = ([0.0; 3], [NOT_MEASURED_SD; 3]);
                 was_there
             }
+            (Part::Climb, Measurement::Gnss(m)) => {
+                let was_there = has_climb(m);
+                (m.velocity[2], m.velocity_sd[2]) = (0.0, NOT_MEASURED_SD);
+                was_there
+            }
             (Part::Height, Measurement::Gnss(m)) => {
                 let was_there = has_height(m);
                 (m.datum.height_m, m.position[2], m.height_spread) = (0.0, 0.0, 0.0);
@@ -73,19 +81,7 @@ impl Part {
                 (m.position_sd[0], m.position_sd[1]) = (NOT_MEASURED_SD, NOT_MEASURED_SD);
                 was_there
             }
-            (
-                Part::Heave
-                | Part::Rates
-                | Part::YawRate
-                | Part::RateOfTurn
-                | Part::Velocity
-                | Part::Height
-                | Part::Place
-                | Part::Tilt
-                | Part::Heading
-                | Part::Force,
-                _,
-            ) => false,
+            (_, _) => false,
         }
     }
     pub(super) const fn is_whole(self) -> bool {
@@ -101,7 +97,7 @@ impl Part {
             Part::Place => &[Channel::Place],
             Part::Tilt => &[Channel::Tilt, Channel::Roll, Channel::Pitch],
             Part::Heading => &[Channel::Heading],
-            Part::YawRate | Part::Velocity | Part::Force => &[],
+            Part::YawRate | Part::Velocity | Part::Climb | Part::Force => &[],
         }
     }
     pub(super) fn texts(self) -> Texts {
@@ -146,6 +142,14 @@ impl Part {
                 "position",
                 "the position is used",
                 "check the receiver's set-up, or replace it",
+            ),
+            Part::Climb => (
+                "vertical velocity",
+                "m/s",
+                1.0,
+                "height",
+                "the height is used",
+                "check its sign, or switch it off at the receiver",
             ),
             Part::Height => (
                 "height",

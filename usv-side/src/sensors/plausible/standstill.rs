@@ -326,6 +326,7 @@ struct Sensor {
     /// Newest time and integral of the rates about the three axes, rad, and newest yaw rate, rad/s.
     integrals: [(Option<Time<VesselClock>>, f64); 3],
     yaw_rate: f64,
+    has_force: bool,
     /// Antenna's motion compared with the attitudes of this sensor.
     antenna: Antenna,
     /// Heading of this sensor compared with the course.
@@ -338,13 +339,14 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
-    /// Sensor with the only heading, if nothing else tells how the boat lies or turns.
-    pub(crate) fn unwitnessed(&self) -> Option<usize> {
-        let has_heading = |s: &Sensor| matches!(s.channels.get(Channel::Heading as usize), Some(Some(_)));
-        let is_witness = |s: &Sensor| s.drift.has_course() || matches!(s.integrals, [.., (Some(_), _)]);
-        let first = self.sensors.iter().position(has_heading)?;
-        let is_single = self.sensors.iter().filter(|s| has_heading(s)).count() == 1;
-        (is_single && !self.sensors.iter().any(is_witness)).then_some(first)
+    /// Sensors with the only value of a quantity, if no other one confirms or contradicts it, with its name.
+    pub(crate) fn unwitnessed(&self) -> impl Iterator<Item = (usize, &'static str)> {
+        let of_row = |(name, channel, is_witness): &Quantity| {
+            let mut with = self.sensors.iter().enumerate().filter(|(_, s)| s.has(*channel));
+            let first = with.next().filter(|_| !self.sensors.iter().any(is_witness))?;
+            with.next().is_none().then_some((first.0, *name))
+        };
+        QUANTITIES.iter().filter_map(of_row)
     }
     /// Adds a measurement of this sensor. Returns its contradictions with the others.
     pub(crate) fn take(&mut self, number: u8, m: &Measurement) -> Contradicted {
@@ -414,7 +416,24 @@ impl Movement {
     }
 }
 
+/// Quantity, its channel, and whether a sensor has another quantity that is related to it.
+type Quantity = (&'static str, Channel, fn(&Sensor) -> bool);
+const QUANTITIES: [Quantity; 4] = [
+    ("position", Channel::Place, |s| s.drift.has_velocity()),
+    ("height", Channel::Height, |s| {
+        s.has(Channel::Heave) || s.has_force
+    }),
+    ("roll and pitch", Channel::Tilt, |s| s.integrals[0].0.is_some()),
+    ("heading", Channel::Heading, |s| {
+        s.integrals[2].0.is_some() || s.drift.has_course()
+    }),
+];
+
 impl Sensor {
+    fn has(&self, channel: Channel) -> bool {
+        let is_copy = channel == Channel::Heading && self.drift.is_copy().is_some();
+        !is_copy && matches!(self.channels.get(channel as usize), Some(Some(_)))
+    }
     /// Smallest recent change of a witness, SI; 0 for an integral.
     fn step(&self, witness: usize) -> f64 {
         use Channel::{Heading, Heave, Height, Tilt};
@@ -454,6 +473,7 @@ impl Sensor {
         let mut found = [None; 6];
         match m {
             Measurement::Imu(m) => {
+                self.has_force = true;
                 self.yaw_rate = m.gyro[2];
                 for (axis, rate) in m.gyro.into_iter().enumerate() {
                     found[axis] = self.integrate(axis, at, rate);
@@ -510,10 +530,7 @@ impl Sensor {
                 }
             }
         }
-        let sd = match m {
-            Measurement::Gnss(m) => HEIGHT_SDS * m.position_sd[2],
-            Measurement::Imu(_) | Measurement::Attitude(_) | Measurement::Heading(_) => 0.0,
-        };
+        let sd = m.gnss().map_or(0.0, |m| HEIGHT_SDS * m.position_sd[2]);
         found.map(|found| {
             let (witness, x) = found?;
             let (_, noise) = WITNESSES.get(witness)?;

@@ -1,5 +1,6 @@
 use super::*;
-use alight_shared::msg::{Header, ImuSample};
+use alight_shared::frames::wrap_angle;
+use alight_shared::msg::{Header, HeadingFix, ImuSample};
 use core::f64::consts::TAU;
 
 /// Wave of amplitude 1 and this period, s.
@@ -31,24 +32,10 @@ fn series<M: Into<Measurement>>(seconds: u32, of: impl Fn(f64) -> M) -> Vec<Meas
     at.map(|t| of(t).into()).collect()
 }
 fn attitudes(all: &[Measurement]) -> Vec<AttitudeFix> {
-    let attitude = |m: &Measurement| {
-        if let Measurement::Attitude(a) = m {
-            Some(*a)
-        } else {
-            None
-        }
-    };
-    all.iter().filter_map(attitude).collect()
+    all.iter().filter_map(Measurement::attitude).copied().collect()
 }
 fn fixes(all: &[Measurement]) -> Vec<GnssFix> {
-    let fix = |m: &Measurement| {
-        if let Measurement::Gnss(g) = m {
-            Some(*g)
-        } else {
-            None
-        }
-    };
-    all.iter().filter_map(fix).collect()
+    all.iter().filter_map(Measurement::gnss).copied().collect()
 }
 /// Checks that valid measurements pass unchanged and without a remark.
 fn is_inert(all: &[Measurement], what: &str) {
@@ -212,6 +199,30 @@ fn yaw_rate_against_the_heading() {
         remarks.len() == 1 && remarks[0].text.starts_with("yaw rate differs by 22.9 deg/s"),
         "{remarks:?}"
     );
+}
+
+#[test]
+fn vertical_velocity_against_the_height() {
+    let heaving = |climb: f64| {
+        move |t: f64| GnssFix {
+            header: header(t),
+            position: [0.0, 0.0, 0.5 * wave(t, 4.0)],
+            position_sd: [NOT_MEASURED_SD, NOT_MEASURED_SD, 0.02],
+            velocity: [0.0, 0.0, climb * 0.5 * TAU / 4.0 * wave(t + 1.0, 4.0)],
+            velocity_sd: [NOT_MEASURED_SD, NOT_MEASURED_SD, 0.05],
+            ..GnssFix::default()
+        }
+    };
+    is_inert(&series(200, heaving(1.0)), "vertical velocity");
+    for climb in [-1.0, 0.0] {
+        let (kept, remarks) = sift(series(200, heaving(climb)));
+        let climbing = fixes(&kept).iter().filter(|fix| has_climb(fix)).count();
+        assert!(kept.len() == 2000 && climbing <= 1, "{climb}: {climbing}");
+        assert!(
+            remarks[0].text.starts_with("vertical velocity differs by"),
+            "{remarks:?}"
+        );
+    }
 }
 
 /// Fix of a boat moving north at 3 m/s, with this measured velocity and height.

@@ -42,6 +42,14 @@ pub(super) struct Taken {
     pub(super) since: Option<Time<VesselClock>>,
 }
 
+impl Taken {
+    /// Verdict on this value alone.
+    pub(super) fn now(believed: bool) -> Taken {
+        let since = None;
+        Taken { believed, since }
+    }
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct ChannelState {
     out: bool,

@@ -170,12 +170,10 @@ fn numbers_that_never_changed_since_the_start() {
         for k in 0..300 {
             let t = 0.1 * f64::from(k);
             let [attitude, ..] = Boat::RTK.at(t);
-            let Measurement::Attitude(a) = attitude else {
-                panic!()
-            };
+            let a = attitude.attitude().unwrap();
             let attitude = AttitudeFix {
                 tilt: [roll, a.tilt[1]],
-                ..a
+                ..*a
             };
             let heading = HeadingFix {
                 header: header(t),
