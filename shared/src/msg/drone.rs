@@ -365,6 +365,75 @@ impl Plan {
     }
 }
 
+/// Check of a plan by the pilot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
+#[repr(u8)]
+pub enum PlanCheck {
+    /// Speed of a stage or between stages, m/s.
+    #[default]
+    Speed,
+    /// Acceleration or thrust per mass of a stage, or the wind that it compensates, m/s².
+    Acceleration,
+    /// Tilt of a stage, rad.
+    Tilt,
+    /// Euler rates of a stage, rad/s.
+    Rates,
+    /// Time until the first stage, s.
+    Start,
+    /// Distance from the drone, m.
+    Position,
+    /// Difference from the drone's velocity, m/s.
+    Velocity,
+    /// Speed towards the deck, m/s.
+    Deck,
+    /// Speed towards a deck that the mission does not permit to touch, m/s.
+    Permission,
+    /// Speed towards the deck's plane with the feet beside the deck, m/s.
+    Outside,
+    /// Speed towards the deck at an angle to it, m/s.
+    Tilted,
+    /// Speed towards the deck while moving along it, m/s.
+    Along,
+    /// Distance in which the drone stops in front of a keep-out volume, m.
+    Obstacle,
+    /// Speed towards the water, m/s.
+    Water,
+}
+
+/// Reason why a plan is not flown.
+#[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]
+#[repr(C)]
+pub struct PlanRefusal {
+    /// Check that the plan has not passed.
+    pub check: PlanCheck,
+    /// Value, in the unit of the check.
+    pub value: f64,
+    /// Its limit.
+    pub limit: f64,
+}
+
+impl core::fmt::Display for PlanRefusal {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let what = match self.check {
+            PlanCheck::Speed => "its speed is",
+            PlanCheck::Acceleration => "its acceleration is",
+            PlanCheck::Tilt => "its tilt is",
+            PlanCheck::Rates => "its Euler rates are",
+            PlanCheck::Start => "its first stage begins in",
+            PlanCheck::Position => "its distance from the drone is",
+            PlanCheck::Velocity => "its difference from the drone's velocity is",
+            PlanCheck::Deck => "its speed towards the deck is",
+            PlanCheck::Permission => "without permission to land its speed towards the deck is",
+            PlanCheck::Outside => "with the feet beside the deck its speed downwards is",
+            PlanCheck::Tilted => "with a tilt other than the deck's its speed towards the deck is",
+            PlanCheck::Along => "while it moves along the deck its speed towards the deck is",
+            PlanCheck::Obstacle => "the distance in which it stops in front of a keep-out volume is",
+            PlanCheck::Water => "its speed towards the water is",
+        };
+        write!(f, "{what} {:.2}, at most {:.2} is flown", self.value, self.limit)
+    }
+}
+
 /// Kind of a set-point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]
 #[repr(u8)]
@@ -444,6 +513,8 @@ pub struct SetPoint {
     pub response: AttitudeResponse,
     /// Speed along the deck's normal of the hardest contact since the motors last stopped on the deck, m/s.
     pub hard_contact_mps: Option<f64>,
+    /// Reason why the newest plan is not flown; None if it is, or without a plan.
+    pub plan_refusal: Option<PlanRefusal>,
 }
 
 impl Default for SetPoint {
@@ -462,6 +533,7 @@ impl Default for SetPoint {
             thrust: 0.0,
             response: AttitudeResponse::default(),
             hard_contact_mps: None,
+            plan_refusal: None,
         }
     }
 }

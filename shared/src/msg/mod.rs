@@ -73,7 +73,8 @@ pub use deck::{
 };
 pub use drone::{
     AttitudeResponse, AutopilotMode, AutopilotState, DroneState, LandedState, Motors, OwnMission,
-    PLAN_STAGES, Plan, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind, ShadowComparison, Solve,
+    PLAN_STAGES, Plan, PlanCheck, PlanRefusal, PlanStage, PredictorCheckpoint, SetPoint, SetPointKind,
+    ShadowComparison, Solve,
 };
 pub use grant::{
     Course, DECK_CLOSED, DeckDimensions, DeckGrant, MAX_STEADY_S, OWNER_ONLY_M, PLACES, STATION_APART_M,

@@ -7,7 +7,7 @@ use core::cell::Cell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use super::bus::{BusSide, LockStep, LockStepSender};
+use super::bus::{LockStep, LockStepSender};
 use super::cameras::SimulatedCameras;
 use super::failing::{Failing, Spoiled, spoil_sensors};
 use super::foresight::Foresight;
@@ -91,7 +91,8 @@ pub struct SimulatedDroneComputer {
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
     pub(super) radio: Session<Packet, Uplink>,
-    bus: LockStep,
+    /// Bus of the drone's processes, where tests may change messages.
+    pub bus: LockStep,
     /// Rows; None if the process is dead.
     pub(super) rows: DroneRows<LockStep>,
     nodes: DroneNodes,
@@ -304,10 +305,6 @@ impl SimulatedDroneComputer {
             self.mutant = mutant;
             new.stand(&self.bus, self.nodes.bridge.drone_id, &self.apart);
         }
-    }
-    pub(super) fn fly_by(&mut self, set_point: SetPoint) {
-        let instead = move |_, _: Vec<SetPoint>| vec![set_point];
-        self.bus.wrap(ProcessKind::Pilot, BusSide::Written, instead);
     }
 
     pub(super) fn kill(&mut self, process: ProcessKind) {

@@ -195,6 +195,9 @@ pub struct Outcome {
     /// 99th percentile of the planner's step durations, ms; null if not measured.
     #[serde(default)]
     pub solve_p99_ms: Option<f64>,
+    /// Fraction of the flight during which the pilot did not admit the newest plan.
+    #[serde(default)]
+    pub refused_plans: f64,
     /// Hash of every true state and set-point; equal digests mean bit-identical flights.
     pub digest: String,
 }
@@ -466,6 +469,7 @@ impl Judge {
             sim_time_s,
             wall_time_s: 0.0,
             solve_p99_ms: None,
+            refused_plans: 0.0,
             digest: String::new(),
         };
         // Unsafe endings without a metric have the ratio 1: motors that stop in the air or do not stop,

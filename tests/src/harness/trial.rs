@@ -1,6 +1,6 @@
 //! One landing: from a scenario, the nodes' configurations and a seed to an [`Outcome`].
 
-use alight_shared::msg::{CommandKind, Reason, State};
+use alight_shared::msg::{CommandKind, PlanRefusal, Reason, State};
 use alight_shared::time::Span;
 
 use crate::harness::observer::{NoObserver, WorldObserver};
@@ -94,6 +94,8 @@ pub fn land(
     let mut ages: Option<[f64; 2]> = None;
     let mut odds = [None; 2];
     let mut committed_harm = None;
+    let mut refusal: Option<PlanRefusal> = None;
+    let mut refused_s = 0.0;
     // The judge's time limit bounds the loop.
     for _ in 0..(TIME_LIMIT_S / TICK.secs()) as u64 + 2 {
         faults.act(&mut rig);
@@ -114,6 +116,10 @@ pub fn land(
                 committed_harm = None;
                 world.ask_change();
             }
+        }
+        if let Some(why) = world.drones()[0].last_set_point.and_then(|s| s.plan_refusal) {
+            refusal = Some(why);
+            refused_s += TICK.secs();
         }
         if let Some(trace) = trace.as_mut()
             && t_s + 1e-9 >= next_point
@@ -143,6 +149,10 @@ pub fn land(
     [outcome.likelihood, outcome.harm] = odds;
     outcome.committed_harm = committed_harm;
     outcome.predictor = nodes.predictor.as_ref().map(|own| own.name().into());
+    outcome.refused_plans = refused_s / rig.world.physics().time_since_start().secs();
+    if let Some(why) = refusal.filter(|_| !outcome.success) {
+        outcome.reason += &format!("; plans not flown for {refused_s:.2} s, last because {why}");
+    }
     for why in rig.world.drones()[0].own_failures() {
         outcome.reason += &format!("; {why}");
     }

@@ -20,7 +20,7 @@ use crate::autopilots::simulated::INNER_PER_OUTER;
 use crate::physics::streams::Streams;
 use alight_bridge::Packet;
 use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand, SetPoint};
+use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand};
 use alight_shared::process::ProcessKind;
 use alight_shared::radio::{RadioEnd, RadioTopic};
 use alight_shared::time::{Span, Time, VesselTime, WorldTime};
@@ -223,9 +223,6 @@ impl World {
         drone.restart_clock(now + drone.ahead, ahead);
     }
 
-    pub fn fly_by_set_point(&mut self, k: usize, set_point: SetPoint) {
-        self.drones[k].fly_by(set_point);
-    }
     pub fn reset_heading(&mut self, k: usize, by_rad: f64) {
         if let Some(linked) = self.linked(k) {
             linked.autopilot.reset_heading(by_rad);

@@ -11,12 +11,12 @@ use alight_sim::studies::aborts::{Interruption, drive, fly};
 use crate::at_sea;
 
 /// The mast rises 8 m above the deck (1 m above the waiting height without it), the A-frame 3.5 m.
-const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
+pub const KEEP_OUT_M: [[[f64; 3]; 2]; 2] = [
     [[2.2, -0.2, -9.3], [2.6, 0.2, 0.0]],
     [[-1.2, 1.6, -4.8], [1.2, 2.0, -0.5]],
 ];
 
-fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeConfigs) {
+pub fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeConfigs) {
     let mut scenario = at_sea("0.4,5");
     scenario.keep_out_m = KEEP_OUT_M.to_vec();
     drive(&mut scenario, speed_mps);
@@ -25,7 +25,7 @@ fn vessel(speed_mps: f64, surroundings: SurroundingsConfig) -> (Scenario, NodeCo
     (scenario, nodes)
 }
 
-fn known() -> SurroundingsConfig {
+pub fn known() -> SurroundingsConfig {
     SurroundingsConfig {
         keep_out_m: KEEP_OUT_M.to_vec(),
         ..SurroundingsConfig::default()

@@ -14,6 +14,7 @@ mod estimator;
 mod failsafes;
 mod faults;
 mod gaps;
+mod hostile_planners;
 mod hulls;
 mod identity;
 mod interrupted_landing;

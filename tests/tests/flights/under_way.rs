@@ -6,8 +6,10 @@ use alight_shared::estimation::moments;
 use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
 use alight_shared::geometry::DeckGeometry;
 use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
+use alight_shared::process::ProcessKind;
 use alight_shared::step::Step;
 use alight_shared::time::{DroneClock, Span, WorldTime};
+use alight_sim::harness::bus::BusSide;
 use alight_sim::harness::observer::WorldObserver;
 use alight_sim::harness::scenario::{NodeConfigs, Scenario};
 use alight_sim::harness::world::World;
@@ -97,7 +99,12 @@ fn above_the_boat() -> PredictorFlight {
             yaw: deck.euler().z,
             ..SetPoint::default()
         };
-        world.fly_by_set_point(0, set_point);
+        let bus = &world.drones()[0].bus;
+        bus.wrap(
+            ProcessKind::Pilot,
+            BusSide::Written,
+            move |_, _: Vec<SetPoint>| vec![set_point],
+        );
         world.tick(&mut flight);
     }
     flight

@@ -2,8 +2,9 @@
 //!
 //! [`crate::flatness`] converts between thrust and attitude; [`crate::tracking`] is the control loop; [`response`] and
 //! [`delay`] identify the autopilot in flight; [`touchdown`] detects the contact; [`set_points`] builds the set-point
-//! of each action; and [`crate::contingency`] chooses the action without a plan or a mission.
+//! of each action; [`admission`] refuses unsafe plans; and [`crate::contingency`] chooses the action without a plan or a mission.
 
+mod admission;
 pub mod config;
 mod delay;
 mod response;
@@ -24,7 +25,7 @@ use alight_shared::bus::wiring;
 use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase, Plan,
-    PlanStage, RangeSample, SetPoint, SetPointKind, State,
+    PlanRefusal, PlanStage, RangeSample, SetPoint, SetPointKind, State,
 };
 use alight_shared::node::Node;
 use alight_shared::time::{DroneClock, DroneTime, Span};
@@ -94,6 +95,9 @@ pub struct Pilot {
     sequence: u32,
 
     plan: Latest<Plan>,
+    admitted: Option<Plan>,
+    /// Reason why the newest plan is not flown.
+    refusal: Option<PlanRefusal>,
     mission: Latest<MissionState>,
     forecast: Latest<DeckForecast>,
     drone: Latest<DroneState>,
@@ -146,6 +150,8 @@ impl Pilot {
             boot,
             sequence: 0,
             plan: Latest::default(),
+            admitted: None,
+            refusal: None,
             mission: Latest::default(),
             forecast: Latest::default(),
             drone: Latest::default(),
@@ -209,6 +215,7 @@ impl Pilot {
     /// Discards plan, forecast, hold and integral, which refer to another frame.
     fn forget_frame(&mut self) {
         self.plan.forget();
+        self.admitted = None;
         self.forecast.forget();
         self.hold = None;
         self.disarmed_z = None;
@@ -403,7 +410,7 @@ impl Pilot {
         let autopilot = self.armed(now).copied();
         let silent = mission.is_none();
         let mission = mission.or_else(|| self.last_mission(now));
-        let plan = mission.and_then(|m| self.wanted_plan(now, &m));
+        let plan = mission.and_then(|m| self.wanted_plan(now, &m, body, below));
         let known = ContingencyInput {
             autopilot: autopilot.as_ref(),
             mission: mission.as_ref(),
@@ -459,11 +466,26 @@ impl Pilot {
     }
 
     /// Plan, and its stage for a command sent at `now`, in states that need a plan.
-    fn wanted_plan(&self, now: DroneTime, mission: &MissionState) -> Option<(Plan, PlanStage)> {
-        self.plan
-            .fresh(now, topics::PLAN.stale_after)
-            .filter(|p| mission.state != State::Landed && !self.is_withdrawn(now, p, mission))
-            .and_then(|p| self.served(now, p).map(|stage| (*p, stage)))
+    fn wanted_plan(
+        &mut self,
+        now: DroneTime,
+        mission: &MissionState,
+        body: &Body,
+        below: Option<&DeckBelow>,
+    ) -> Option<(Plan, PlanStage)> {
+        self.refusal = None;
+        if mission.state == State::Landed {
+            return None;
+        }
+        let mut plan = *self.plan.fresh(now, topics::PLAN.stale_after)?;
+        // Feet that touch the deck are pressed onto it, and the plan leads through the deck.
+        if self.detector.contact() == TouchdownContact::Clear {
+            plan = self.admitted_plan(now, &plan, mission, body, below)?;
+        }
+        if self.is_withdrawn(now, &plan, mission) {
+            return None;
+        }
+        Some((plan, self.served(now, &plan)?))
     }
 
     fn armed(&self, now: DroneTime) -> Option<&AutopilotState> {

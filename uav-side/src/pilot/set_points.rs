@@ -25,6 +25,7 @@ impl Pilot {
             header: Header::new(vessel, self.drone_id, self.boot, self.sequence, now),
             response: self.response.get(),
             hard_contact_mps: self.detector.hard_mps(),
+            plan_refusal: self.refusal,
             ..SetPoint::default()
         }
     }
@@ -236,7 +237,7 @@ impl Pilot {
         };
         let mut led = *stage;
         let lands = mission.state.phase() == Phase::Landing && mission.lowest_clearance_m.is_none();
-        let old = self.plan.age_s(now) > OLD_PLAN_S;
+        let old = (now - plan.header.at).secs() > OLD_PLAN_S;
         if let Some(b) = ahead.filter(|_| lands) {
             let completion = self.completion(body, &b);
             if old && let Some(braked) = completion.renewed(&led) {

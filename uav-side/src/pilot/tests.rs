@@ -473,7 +473,7 @@ fn braking_of_a_drone_too_fast_onto_the_deck() {
     };
     assert!(rising.thrust() > 1.8);
     // A tilted drone brakes only until its speeds along and onto the deck are equal.
-    let [slow, fast] = [-1.0, 1.8].map(|along_mps| {
+    let [slow, fast] = [-1.0, 1.5].map(|along_mps| {
         InFlare {
             tilt: 0.2,
             along_mps,
