@@ -123,7 +123,7 @@ pub struct MissionState {
     pub attempts: u32,
     /// Commanded height of the drone's centre of mass above the deck's mean level, m.
     pub height_m: f64,
-    /// Permitted descent speed relative to the deck, m/s; 0: no descent.
+    /// Proposed descent speed relative to the deck, m/s, which a plan may exceed; 0: no descent.
     pub descent_mps: f64,
     /// Minimum height of the trajectory above the water (negative NED z), m.
     pub minimum_altitude_m: f64,

@@ -86,7 +86,7 @@ impl ExecLaw {
             child: start(name, report, PLANS),
             measures: name.starts_with(EXEC_MEASURED),
             report: report.clone(),
-            limits: Limits::of(&drone.planner, &drone.airframe),
+            limits: Limits::of(drone),
             drone: None,
             solved_at: Time::from_nanos(i64::MIN),
             common: false,

@@ -1,12 +1,12 @@
 //! Lines exchanged with planners and predictors that are other programs: JSON, one object per line.
 
-use alight_shared::geometry::DroneGeometry;
+use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
 use alight_shared::msg::{
     DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
     Plan, PlanStage, Seq, State,
 };
 use alight_shared::time::{DroneTime, Span, Time};
-use alight_uav::planner::PlannerConfig;
+use alight_uav::settings::DroneSettings;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ pub struct Permission {
     pub state: State,
     /// Phase of the state: Navigation (far from the vessel), Follow (above the vessel), Landing (descent and flare).
     pub phase: Phase,
-    /// Permitted descent speed relative to the deck, m/s; 0: no descent.
+    /// Proposed descent speed relative to the deck, m/s, which a plan may exceed; 0: no descent.
     pub descent_mps: f64,
     /// Commanded height of the drone's centre of mass above the deck's mean level, m.
     pub height_m: f64,
@@ -60,6 +60,14 @@ pub struct Permission {
     pub lowest_clearance_m: Option<f64>,
     /// Target of the feet relative to the deck's centre, NED, m.
     pub meets: [f64; 2],
+    /// Position to hold in the states that hold, drone's NED, m.
+    pub hold_position: [f64; 3],
+    /// Heading to hold, rad.
+    pub hold_yaw: f64,
+    /// Predicted probability of a successful landing; null without a prediction.
+    pub probability: Option<f64>,
+    /// Predicted probability of an unsafe contact; null without a prediction.
+    pub harm: Option<f64>,
 }
 
 /// Measured state of the drone.
@@ -128,18 +136,37 @@ pub struct Limits {
     pub thrust_mps2: f64,
     /// Distance of the foot plane below the centre of mass, m.
     pub feet_below_m: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
+    /// Time constant of the autopilot's attitude loop, s.
+    pub attitude_lag_s: f64,
+    /// Length (along the vessel's x) and width of the deck, m.
+    pub deck_m: [f64; 2],
+    /// Friction coefficient of feet on the deck.
+    pub friction: f64,
+    /// Maximum speeds of a contact along the deck's normal and along the deck, m/s.
+    pub contact_mps: f64,
+    /// Maximum angle between deck and foot plane at a contact, rad.
+    pub contact_tilt_rad: f64,
 }
 
 impl Limits {
-    pub fn of(planner: &PlannerConfig, drone: &DroneGeometry) -> Limits {
-        let soft = &planner.limits;
+    pub fn of(settings: &DroneSettings) -> Limits {
+        let soft = &settings.planner.limits;
+        let drone = &settings.airframe;
         Limits {
-            period_s: 1.0 / planner.landing_hz,
+            period_s: 1.0 / settings.planner.landing_hz,
             horizontal_mps: soft.horizontal_mps,
             vertical_mps: soft.vertical_mps,
             tilt_rad: soft.tilt_deg.to_radians(),
             thrust_mps2: drone.max_thrust_n / drone.mass_kg,
             feet_below_m: drone.feet_below_m,
+            mass_kg: drone.mass_kg,
+            attitude_lag_s: drone.attitude_lag_s,
+            deck_m: [settings.deck.length_m, settings.deck.width_m],
+            friction: settings.mission.friction,
+            contact_mps: MAX_MPS,
+            contact_tilt_rad: MAX_TILT_RAD,
         }
     }
 }
@@ -162,6 +189,10 @@ impl<'a> PlannerInput<'a> {
                 minimum_altitude_m: m.minimum_altitude_m,
                 lowest_clearance_m: m.lowest_clearance_m,
                 meets: m.meets,
+                hold_position: m.hold_position,
+                hold_yaw: m.hold_yaw,
+                probability: m.likelihood,
+                harm: m.harm,
             },
             drone: MeasuredDrone {
                 time_s: d.header.at.secs(),

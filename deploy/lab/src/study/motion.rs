@@ -25,7 +25,7 @@ heading_deg; heave_m (up), surge_m and sway_m (along and to starboard of the mea
 alight trial --deck-motion NAME.csv plays it.
 NAME-sensors.csv: measurements of the vessel's sensors, with their errors, by the vessel's clock. imu: body rates
 (rad/s), specific force (m/s2); gnss: position of the antenna (north, east, down, m), velocity (m/s); heading (rad);
-attitude: roll, pitch (rad).
+attitude: roll, pitch (rad); clock, with gnss: the vessel's clock minus the time in NAME.csv (s).
 Licence: MIT OR Apache-2.0, as the program.
 ";
 
@@ -49,7 +49,7 @@ impl WorldObserver for Motion {
             self.truth.push((t.secs(), deck.position.0, deck.euler()));
         }
     }
-    fn step(&mut self, _: WorldTime, step: &Step<'_>) {
+    fn step(&mut self, t: WorldTime, step: &Step<'_>) {
         let mut line = |at_s: f64, sensor: &str, values: &[f64]| {
             let values: Vec<String> = (0..6)
                 .map(|k| values.get(k).map_or(String::new(), |v| format!("{v:.6}")))
@@ -61,7 +61,9 @@ impl WorldObserver for Motion {
                 line(m.header.at.secs(), "imu", &[m.gyro, m.accelerometer].concat());
             }
             for m in readings.gnss.iter() {
-                line(m.header.at.secs(), "gnss", &[m.position, m.velocity].concat());
+                let at_s = m.header.at.secs();
+                line(at_s, "gnss", &[m.position, m.velocity].concat());
+                line(at_s, "clock", &[step.now_ns as f64 * 1e-9 - t.secs()]);
             }
             for m in readings.heading.iter() {
                 line(m.header.at.secs(), "heading", &[m.heading]);
