@@ -286,7 +286,7 @@ mod tests {
         // Clearance, distance from the deck's centre, speeds along the deck and down, roll.
         for (state, [clearance, north, along, down, roll], expected) in [
             (State::Flare, [0.5, 0.0, 0.0, 0.8, 0.0], None),
-            (State::Descent, [3.0, 0.0, 0.0, 4.0, 0.0], None),
+            (State::Descent, [3.0, 0.0, 0.0, 3.5, 0.0], None),
             (State::Flare, [0.5, 0.0, 0.0, 2.2, 0.0], Some(Deck)),
             (State::Tracking, [0.5, 0.0, 0.0, 1.5, 0.0], Some(Permission)),
             (State::Flare, [0.5, 2.0, 0.0, 0.8, 0.0], Some(Outside)),
