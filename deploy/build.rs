@@ -1,7 +1,6 @@
 //! The commit and its date for `alight --version`, if this is built in a clone.
 
-use std::path::Path;
-use std::process::Command;
+use std::{path::Path, process::Command};
 
 fn git(arguments: &[&str]) -> Option<String> {
     let output = Command::new("git").args(arguments).output().ok()?;

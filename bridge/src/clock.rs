@@ -17,8 +17,10 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::{OffsetBounds, median};
-use alight_shared::time::{DroneClock, DroneTime, Span, VesselTime};
+use alight_shared::{
+    estimation::{OffsetBounds, median},
+    time::{DroneClock, DroneTime, Span, VesselTime},
+};
 
 use crate::config::ClockConfig;
 

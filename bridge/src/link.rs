@@ -2,8 +2,7 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::quantile;
-use alight_shared::time::DroneTime;
+use alight_shared::{estimation::quantile, time::DroneTime};
 
 const MAX_ARRIVALS: usize = 256;
 

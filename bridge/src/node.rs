@@ -2,26 +2,29 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::command::counts_despite;
-use alight_shared::admission::{Periodic, RejectionReason, Rejections, Sender, check_identity};
-use alight_shared::bus::wiring;
-use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus, EstimateUpdate,
-    Header, LinkState, Message, MissionState, OperatorCommand, RtcmFrames, TimeReply, TimeRequest,
-    UpdateReceiver, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveUpdate,
+use alight_shared::{
+    admission::{Periodic, RejectionReason, Rejections, Sender, check_identity, command::counts_despite},
+    bus::wiring,
+    msg::{
+        AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, DroneStatus,
+        EstimateUpdate, Header, LinkState, Message, MissionState, OperatorCommand, RtcmFrames, TimeReply,
+        TimeRequest, UpdateReceiver, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+        WaveUpdate,
+    },
+    node::Node,
+    radio::RadioTopic,
+    time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime},
+    wire::{self, WireError},
 };
-use alight_shared::node::Node;
-use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime};
-use alight_shared::wire::{self, WireError};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::clock::{ClockOffset, Offset};
-use crate::config::BridgeConfig;
-use crate::link::LinkStatistics;
-use crate::order::{Boot, Boots, SequenceOrder};
-use crate::status::StatusReport;
+use crate::{
+    clock::{ClockOffset, Offset},
+    config::BridgeConfig,
+    link::LinkStatistics,
+    order::{Boot, Boots, SequenceOrder},
+    status::StatusReport,
+};
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Packet {

@@ -9,8 +9,10 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::RejectionReason;
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    admission::RejectionReason,
+    time::{DroneTime, Span},
+};
 
 const MAX_OTHERS: usize = 16;
 /// Silence of the current computer after which a boot that was never received at the same time counts as its restart:

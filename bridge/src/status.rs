@@ -1,11 +1,11 @@
 //! Status of the drone for the vessel, assembled from reports of the drone's processes twice a second.
 
-use alight_shared::admission::Periodic;
-use alight_shared::msg::{
-    AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, still_armed_s,
+use alight_shared::{
+    admission::Periodic,
+    msg::{AutopilotState, DeckForecast, DroneState, DroneStatus, Header, MissionState, still_armed_s},
+    time::{DroneClock, DroneTime, Span},
+    topics,
 };
-use alight_shared::time::{DroneClock, DroneTime, Span};
-use alight_shared::topics;
 
 use crate::config::BridgeConfig;
 

@@ -1,17 +1,19 @@
 //! The bridge with a simulated vessel: admission, rejection, clock uncertainty.
 
 use crate::{Bridge, BridgeConfig, BridgeIn, BridgeOut, Packet};
-use alight_shared::admission::{RejectionReason, Sender};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{
-    AutopilotState, CommandKind, EstimateUpdate, Header, Message, MissionState, OperatorCommand,
-    PredictedStage, Seq, State, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
-    message_version,
+use alight_shared::{
+    admission::{RejectionReason, Sender},
+    geodesy::Datum,
+    msg::{
+        AutopilotState, CommandKind, EstimateUpdate, Header, Message, MissionState, OperatorCommand,
+        PredictedStage, Seq, State, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, f16,
+        message_version,
+    },
+    node::Node,
+    radio::RadioTopic,
+    time::{Clock, DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime},
+    wire,
 };
-use alight_shared::node::Node;
-use alight_shared::radio::RadioTopic;
-use alight_shared::time::{Clock, DroneClock, DroneTime, Span, Stamped, Time, VesselClock, VesselTime};
-use alight_shared::wire;
 use proptest::prelude::*;
 
 mod rtcm;

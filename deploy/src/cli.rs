@@ -1,23 +1,32 @@
-use std::error::Error;
-use std::ffi::OsString;
-use std::fs;
-use std::net::AddrParseError;
-use std::num::{ParseFloatError, ParseIntError};
-use std::path::{Path, PathBuf};
+use std::{
+    error::Error,
+    ffi::OsString,
+    fs,
+    net::AddrParseError,
+    num::{ParseFloatError, ParseIntError},
+    path::{Path, PathBuf},
+};
 
-use alight_computer::drone::{autopilot, bridge, camera, mission, pilot};
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::process::args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs};
-use alight_computer::process::run;
-use alight_computer::subject::SHIPPED;
-use alight_computer::{drone, terminal, vessel};
+use alight_computer::{
+    drone,
+    drone::{autopilot, bridge, camera, mission, pilot},
+    exit::{CliError, Doing, Exit},
+    process::{
+        args::{AutopilotArgs, CameraArgs, ProcessArgs, ServiceArgs},
+        run,
+    },
+    subject::SHIPPED,
+    terminal, vessel,
+};
 #[cfg(feature = "lab")]
 use alight_lab as lab;
-use alight_people::explain;
-use alight_people::status::command as status;
-use alight_people::tools::replay::Laboratory;
-use alight_people::tools::{
-    check, config, estimate, example, flights, init, keys, order, replay, schema, tag, view,
+use alight_people::{
+    explain,
+    status::command as status,
+    tools::{
+        check, config, estimate, example, flights, init, keys, order, replay, replay::Laboratory, schema,
+        tag, view,
+    },
 };
 #[cfg(feature = "calibrate")]
 use alight_plugins::calibrate;
@@ -25,16 +34,19 @@ use alight_plugins::calibrate;
 use alight_plugins::ros2::command as ros2;
 #[cfg(feature = "signalk")]
 use alight_plugins::signalk::command as signalk;
-use alight_uav::camera::CameraNode;
-use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::computer::Installed as _;
-use alight_uav::mission::MissionNode;
-use alight_uav::pilot::Pilot;
-use alight_uav::planner::Planner;
-use alight_uav::predictor::Predictor;
-use clap::builder::StyledStr;
-use clap::error::{ContextKind, ContextValue, ErrorKind};
-use clap::{Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Id, Parser, Subcommand};
+use alight_uav::{
+    camera::{CameraNode, uvdar::UvdarNode},
+    computer::Installed as _,
+    mission::MissionNode,
+    pilot::Pilot,
+    planner::Planner,
+    predictor::Predictor,
+};
+use clap::{
+    Arg, ArgAction, Command as Clap, CommandFactory, FromArgMatches, Id, Parser, Subcommand,
+    builder::StyledStr,
+    error::{ContextKind, ContextValue, ErrorKind},
+};
 use clap_complete::Shell;
 
 /// Lands a multirotor on the deck of a small boat that moves and rocks in waves.

@@ -8,8 +8,7 @@ mod cli;
 
 use std::process::ExitCode;
 
-use alight_computer::exit::Exit;
-use alight_computer::{process, terminal};
+use alight_computer::{exit::Exit, process, terminal};
 
 fn main() -> ExitCode {
     let lines = process::journal::init();

@@ -9,10 +9,12 @@ use std::collections::VecDeque;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::frames::body_rates;
-use crate::geometry::GRAVITY;
-use crate::msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate};
-use crate::time::{Clock, Span, Time};
+use crate::{
+    frames::body_rates,
+    geometry::GRAVITY,
+    msg::{SLOPE_STEP, SLOPE_WINDOW_S, SLOPE_WINDOWS, Seq, VesselEstimate},
+    time::{Clock, Span, Time},
+};
 
 /// Rate of the input states, Hz.
 pub const RATE_HZ: f64 = 20.0;
@@ -129,9 +131,11 @@ impl<C: Clock> ApparentSlope<C> {
 #[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
-    use crate::msg::Header;
-    use crate::time::VesselClock;
-    use crate::vessel_model::{ROLL, SWAY};
+    use crate::{
+        msg::Header,
+        time::VesselClock,
+        vessel_model::{ROLL, SWAY},
+    };
 
     /// Vessel that rolls by `amplitude` sin(omega t) and, if `with` is 1, accelerates with the sloping water.
     fn rolling_vessel(amplitude: f64, omega: f64, with: f64, seconds: f64) -> ApparentSlope<VesselClock> {

@@ -9,12 +9,14 @@ use core::any::Any;
 
 use serde::de::DeserializeOwned;
 
-use crate::node::Node;
-use crate::plain::Plain;
-use crate::process::{InputState, ProcessKind};
-use crate::step::{Parts, Recorded, Step};
-use crate::time::{Span, Time};
-use crate::topics::{self, Topic};
+use crate::{
+    node::Node,
+    plain::Plain,
+    process::{InputState, ProcessKind},
+    step::{Parts, Recorded, Step},
+    time::{Span, Time},
+    topics::{self, Topic},
+};
 
 /// Transport of messages between the rows of a computer.
 pub trait Bus {
@@ -522,16 +524,16 @@ pub use crate::wiring;
 
 #[cfg(test)]
 mod tests {
-    use core::cell::RefCell;
-    use core::convert::Infallible;
-    use core::marker::PhantomData;
+    use core::{cell::RefCell, convert::Infallible, marker::PhantomData};
     use std::rc::Rc;
 
     use serde::{Deserialize, Serialize};
 
     use super::*;
-    use crate::msg::{MissionCheckpoint, MissionState, Plan, RangeSample};
-    use crate::time::{DroneClock, DroneTime};
+    use crate::{
+        msg::{MissionCheckpoint, MissionState, Plan, RangeSample},
+        time::{DroneClock, DroneTime},
+    };
 
     /// All sent messages, in order.
     #[derive(Default)]

@@ -5,16 +5,18 @@
 use core::fmt;
 
 use schemars::JsonSchema;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
-use crate::admission::Latest;
-use crate::bus::{Bus, Reader as _, Writer as _};
-use crate::msg::{LinkCheckpoint, Message, MissionCheckpoint, PredictorCheckpoint, message_version};
-use crate::plain::Plain;
-use crate::time::{DroneClock, DroneTime, Span, Time};
-use crate::wire::{self, WireError};
-use crate::{schema, topics};
+use crate::{
+    admission::Latest,
+    bus::{Bus, Reader as _, Writer as _},
+    msg::{LinkCheckpoint, Message, MissionCheckpoint, PredictorCheckpoint, message_version},
+    plain::Plain,
+    schema,
+    time::{DroneClock, DroneTime, Span, Time},
+    topics,
+    wire::{self, WireError},
+};
 
 /// Timeout for the stored checkpoint: 15 of its periods.
 const TIMEOUT: Span = Span::from_millis(300);

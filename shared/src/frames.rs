@@ -9,9 +9,11 @@
 //! let wrong = Vector::<VesselNed>::new(1.0, 0.0, 0.0) + Vector::<DroneNed>::new(1.0, 0.0, 0.0);
 //! ```
 
-use core::fmt;
-use core::marker::PhantomData;
-use core::ops::{Add, Mul, Neg, Sub};
+use core::{
+    fmt,
+    marker::PhantomData,
+    ops::{Add, Mul, Neg, Sub},
+};
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 

@@ -2,9 +2,11 @@
 
 use nalgebra::Vector3;
 
-use crate::config;
-use crate::msg::DeckDimensions;
-use crate::tags::{DeckTag, Tags, suggested};
+use crate::{
+    config,
+    msg::DeckDimensions,
+    tags::{DeckTag, Tags, suggested},
+};
 
 /// Standard gravity, m/s².
 pub const GRAVITY: f64 = 9.806_65;

@@ -4,18 +4,20 @@
 mod signing;
 
 use core::convert::Infallible;
-use std::collections::VecDeque;
-use std::io::{self, ErrorKind, Read};
+use std::{
+    collections::VecDeque,
+    io::{self, ErrorKind, Read},
+};
 
-use ::mavlink::error::{MessageReadError, ParserError};
-use ::mavlink::{Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion};
+use ::mavlink::{
+    Dialect, MAVLinkMessageRaw, MAVLinkV2MessageRaw, MavHeader, MavlinkReader, MavlinkVersion,
+    error::{MessageReadError, ParserError},
+};
 use dialect::{EstimatorStatusFlags, MavMessage};
 
 use crate::geodesy::Datum;
 
-pub use ::mavlink::dialects::common as dialect;
-pub use ::mavlink::types::CharArray;
-pub use ::mavlink::{Message, MessageData};
+pub use ::mavlink::{Message, MessageData, dialects::common as dialect, types::CharArray};
 pub use signing::{MAX_STREAMS, Signatures, Signing, SigningTimes, StreamTime};
 
 /// Number of `EKF_STATUS_REPORT`, the only message of ArduPilot's dialect that is read. Its whole dialect is as large as
@@ -218,8 +220,7 @@ impl FrameReader {
 
 /// Recorded form of a message: its number and payload.
 pub mod recorded {
-    use serde::de::Error as _;
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
     use super::{MavMessage, MavlinkVersion, Message, Outgoing};
 

@@ -3,9 +3,11 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, Serializer};
 
-use crate::admission::{AccessRejection, RejectionReason};
-use crate::msg::{Seq, State};
-use crate::tags::ForeignTag;
+use crate::{
+    admission::{AccessRejection, RejectionReason},
+    msg::{Seq, State},
+    tags::ForeignTag,
+};
 
 /// Maximum number of metrics of one process.
 pub const MAX_METRICS: usize = 32;

@@ -6,8 +6,10 @@ use core::fmt::Debug;
 
 use serde::Serialize;
 
-use crate::process::ProcessState;
-use crate::topics::{self, Topic};
+use crate::{
+    process::ProcessState,
+    topics::{self, Topic},
+};
 
 /// Message stored in shared memory unchanged, and its only topic.
 ///
@@ -72,8 +74,7 @@ unsafe impl Plain for ProcessState {
 
 #[cfg(test)]
 mod tests {
-    use core::mem::offset_of;
-    use core::ptr::from_ref;
+    use core::{mem::offset_of, ptr::from_ref};
 
     use crate::msg::{Reason, ReasonCode, RelativeState};
 

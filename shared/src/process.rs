@@ -3,9 +3,11 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::metrics::{self, MetricName, MetricValue, Metrics};
-use crate::msg::Seq;
-use crate::tags::ForeignTag;
+use crate::{
+    metrics::{self, MetricName, MetricValue, Metrics},
+    msg::Seq,
+    tags::ForeignTag,
+};
 
 /// Maximum number of topics read by one process.
 pub const MAX_INPUTS: usize = 14;

@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::process::MAX_FLOWS;
-use crate::topics::{self, Topic};
+use crate::{
+    process::MAX_FLOWS,
+    topics::{self, Topic},
+};
 
 /// Kind of computer at one end of the radio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

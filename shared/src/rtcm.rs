@@ -5,8 +5,7 @@
 //! Source: RTCM 10403.3, section 4; u-blox F9 interface description.
 
 use crate::geodesy::Datum;
-use rtcm_rs::MessageFrame;
-use rtcm_rs::rtcm_error::RtcmError;
+use rtcm_rs::{MessageFrame, rtcm_error::RtcmError};
 
 /// Maximum frame length, bytes: a payload of 1023, three bytes before and three after it.
 pub const MAX_FRAME_BYTES: usize = 1029;

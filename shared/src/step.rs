@@ -4,8 +4,10 @@ use core::any::Any;
 
 use serde::Serialize;
 
-use crate::process::ProcessKind;
-use crate::wire::{self, WireError};
+use crate::{
+    process::ProcessKind,
+    wire::{self, WireError},
+};
 
 /// Input or output of a step.
 pub trait Recorded: Any {

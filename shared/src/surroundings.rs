@@ -6,11 +6,13 @@ use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config;
-use crate::config::{ConfigError, Keys};
-use crate::frames::wrap_angle;
-use crate::geometry::DeckGeometry;
-use crate::msg::{Seq, within};
+use crate::{
+    config,
+    config::{ConfigError, Keys},
+    frames::wrap_angle,
+    geometry::DeckGeometry,
+    msg::{Seq, within},
+};
 
 /// Maximum number of keep-out volumes of a vessel.
 pub const MAX_KEEP_OUT: usize = 8;
@@ -255,8 +257,10 @@ mod tests {
 
     #[test]
     fn surroundings_message_size_and_finiteness() {
-        use crate::msg::{Message, VesselSurroundings};
-        use crate::time::VesselClock;
+        use crate::{
+            msg::{Message, VesselSurroundings},
+            time::VesselClock,
+        };
         let mut m = VesselSurroundings::<VesselClock>::default();
         m.surroundings.keep_out = Seq::filled([KeepOut::default(); MAX_KEEP_OUT]);
         m.surroundings.escape = Some(1.0);

@@ -5,8 +5,7 @@ use core::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::config;
-use crate::msg::Seq;
+use crate::{config, msg::Seq};
 
 /// Maximum number of tags on a deck.
 pub const MAX_TAGS: usize = 24;

@@ -1,10 +1,12 @@
 //! Time with a clock type. Times of the vessel's computer, the drone's computer and the simulated truth
 //! cannot be mixed by accident; only the bridge converts between them, with a stated uncertainty.
 
-use core::fmt;
-use core::hash::Hash;
-use core::marker::PhantomData;
-use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+use core::{
+    fmt,
+    hash::Hash,
+    marker::PhantomData,
+    ops::{Add, AddAssign, Div, Mul, Neg, Sub},
+};
 use std::borrow::Cow;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};

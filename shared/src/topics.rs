@@ -5,9 +5,11 @@ use core::mem::size_of;
 use schemars::Schema;
 use serde_json::{Value, json};
 
-use crate::time::{DroneClock, Span, VesselClock};
-use crate::wire::hash_record;
-use crate::{msg, schema};
+use crate::{
+    msg, schema,
+    time::{DroneClock, Span, VesselClock},
+    wire::hash_record,
+};
 
 /// Medium of a topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -278,10 +280,12 @@ mod tests {
     use serde::Serialize;
 
     use super::*;
-    use crate::msg::*;
-    use crate::schema::{Field, SchemaKind, fields, is_optional};
-    use crate::surroundings::{KeepOut, Surroundings};
-    use crate::wire;
+    use crate::{
+        msg::*,
+        schema::{Field, SchemaKind, fields, is_optional},
+        surroundings::{KeepOut, Surroundings},
+        wire,
+    };
 
     fn take<'a>(bytes: &mut &'a [u8], n: usize) -> &'a [u8] {
         let (taken, rest) = bytes.split_at(n);

@@ -141,11 +141,13 @@ fn short_name<T>() -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::{
-        CourseAdvice, EstimateUpdate, PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode,
-        WaveModel, WaveSender, WaveUpdate, f16,
+    use crate::{
+        msg::{
+            CourseAdvice, EstimateUpdate, PredictedStage, Seq, VesselEstimate, VesselPrediction, WaveMode,
+            WaveModel, WaveSender, WaveUpdate, f16,
+        },
+        time::VesselClock,
     };
-    use crate::time::VesselClock;
 
     fn estimate() -> VesselEstimate<VesselClock> {
         VesselEstimate {

@@ -1,14 +1,17 @@
 //! Landings without the `alight` program, and therefore without building zenoh, iceoryx2 or tokio: `cargo trial` from
 //! the root. The flags are those of `alight trial`, which flies the same landings and has more.
 
-use std::path::PathBuf;
-use std::process::ExitCode;
+use std::{path::PathBuf, process::ExitCode};
 
 use alight_shared::config;
-use alight_sim::chart::landing;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+use alight_sim::{
+    chart::landing,
+    harness::{
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario},
+        trial::{Event, FlownTrial, Watch, fly},
+    },
+};
 use alight_uav::planner::PlannerKind;
 
 const USAGE: &str = "\

@@ -2,11 +2,9 @@
 
 pub mod landing;
 
-use std::error::Error;
-use std::ops::Range;
+use std::{error::Error, ops::Range};
 
-use plotters::coord::Shift;
-use plotters::prelude::*;
+use plotters::{coord::Shift, prelude::*};
 
 /// Colours of lines and groups, in order; the first two are drone and deck. The first six are from Okabe and Ito, in
 /// the order of the Python module's plots.

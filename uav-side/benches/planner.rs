@@ -10,14 +10,18 @@ mod naive;
 use core::hint::black_box;
 use std::time::{Duration, Instant};
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::node::Node;
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry},
+    node::Node,
+};
 use alight_uav::planner;
 use criterion::Criterion;
 
 use approach::{ABOVE, Approach, BenchSea, MODERATE};
-use planner::mpc_faa::{Mpc, Problem, Solution};
-use planner::{Planner, PlannerConfig, PlannerKind};
+use planner::{
+    Planner, PlannerConfig, PlannerKind,
+    mpc_faa::{Mpc, Problem, Solution},
+};
 
 // A benchmark is a shell, not a node, so it may read a clock.
 #[allow(clippy::disallowed_methods)]

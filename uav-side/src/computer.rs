@@ -3,18 +3,17 @@
 //! world.
 
 use alight_bridge::{Bridge, BridgeConfig};
-use alight_shared::bus::computer;
-use alight_shared::process::ProcessKind;
+use alight_shared::{bus::computer, process::ProcessKind};
 
-use crate::autopilot::{AutopilotLink, AutopilotLinkConfig};
-use crate::camera::CameraNode;
-use crate::camera::node::CameraIdentity;
-use crate::camera::uvdar::UvdarNode;
-use crate::mission::MissionNode;
-use crate::pilot::{Output, Pilot};
-use crate::planner::Planner;
-use crate::predictor::Predictor;
-use crate::settings::DroneSettings;
+use crate::{
+    autopilot::{AutopilotLink, AutopilotLinkConfig},
+    camera::{CameraNode, node::CameraIdentity, uvdar::UvdarNode},
+    mission::MissionNode,
+    pilot::{Output, Pilot},
+    planner::Planner,
+    predictor::Predictor,
+    settings::DroneSettings,
+};
 
 computer! {
     /// Rows of the drone's computer in the order of the data flow. The autopilot link runs twice per round: first to

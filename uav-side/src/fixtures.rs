@@ -1,10 +1,12 @@
 //! Test messages from vessel 1 to drone 1, shared by the tests of several modules.
 
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState,
-    FORECAST_STAGES, Header, LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
+use alight_shared::{
+    msg::{
+        AutopilotMode, AutopilotState, Command, CommandKind, DeckForecast, DeckStage, DroneState,
+        FORECAST_STAGES, Header, LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
+    },
+    time::{DroneClock, DroneTime, Span},
 };
-use alight_shared::time::{DroneClock, DroneTime, Span};
 
 const STEP: Span = Span::from_millis(100);
 

@@ -1,9 +1,11 @@
 //! Differential flatness of a multirotor: attitude and thrust from a thrust vector and heading (Mellinger and Kumar
 //! 2011, section III), and lead compensation of the attitude loop's lag.
 
-use alight_shared::frames::{body_rates, yaw_rotation};
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::DeckStage;
+use alight_shared::{
+    frames::{body_rates, yaw_rotation},
+    geometry::GRAVITY,
+    msg::DeckStage,
+};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 /// Attitude with its up axis along `thrust` (NED, any length, m/s²) at heading `yaw` (rad).

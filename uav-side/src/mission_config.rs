@@ -1,8 +1,10 @@
 //! Parameters of the mission; a ground station can set some of them.
 
-use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
-use alight_shared::msg::{BatteryPlace, LandingMode, MissionSettings, VesselLevel};
+use alight_shared::{
+    config,
+    config::{Check, ConfigError, Keys},
+    msg::{BatteryPlace, LandingMode, MissionSettings, VesselLevel},
+};
 
 config! {
     /// Parameters of the state machine. Heights are those of the drone's centre of mass above the deck's mean level;

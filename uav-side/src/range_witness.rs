@@ -5,8 +5,7 @@
 //! [`WAY_M`] along the deck's normal, from odometry and forecast within [`WITHIN_S`], the readings must change by `d`
 //! with `|d - w| <= WRONG_BY |w|`. Otherwise they are rejected until they follow such a displacement.
 
-use alight_shared::estimation::median;
-use alight_shared::time::DroneTime;
+use alight_shared::{estimation::median, time::DroneTime};
 
 /// Displacement over which readings are checked, m: ten times the noise of their median.
 const WAY_M: f64 = 0.4;

@@ -1,16 +1,20 @@
 //! Configuration of the drone's nodes in one place.
 
-use alight_shared::config;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::VesselLevel;
-use alight_shared::tags::{DeckTag, Tags};
+use alight_shared::{
+    config,
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::VesselLevel,
+    tags::{DeckTag, Tags},
+};
 
-use crate::camera::{CameraSettings, layout};
-use crate::mission::MissionConfig;
-use crate::odometry::OdometryConfig;
-use crate::pilot::{Output, PilotConfig};
-use crate::planner::{PlannerConfig, PlannerKind};
-use crate::predictor::PredictorConfig;
+use crate::{
+    camera::{CameraSettings, layout},
+    mission::MissionConfig,
+    odometry::OdometryConfig,
+    pilot::{Output, PilotConfig},
+    planner::{PlannerConfig, PlannerKind},
+    predictor::PredictorConfig,
+};
 
 /// Clearance at which the paper's planner flares, m. Not published; v_fa = 0.5 m/s for a second. Below 0.55 m the tag
 /// is out of view, so a flare from 0.9 m adds 0.25 s of drift before contact. Seeds from 100, position errors with 0.9

@@ -4,9 +4,11 @@
 //! frame a point is `q = R' (p - c)` with the deck's centre `c`. A drone passes a volume outside the face that it is
 //! beyond now: `n . (p - c) >= b` holds at every stage, where the face's normal `n` is rotated by that stage's `R`.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::DeckStage;
-use alight_shared::surroundings::{KeepOut, Surroundings};
+use alight_shared::{
+    geometry::DroneGeometry,
+    msg::DeckStage,
+    surroundings::{KeepOut, Surroundings},
+};
 use nalgebra::{Vector2, Vector3};
 
 /// Horizontal distance from the deck's centre within which deck and obstacles can reach the drone, m.

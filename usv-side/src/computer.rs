@@ -1,17 +1,19 @@
 //! The vessel's computer: its nodes, and [`VesselComputer`], which steps those of the vessel's process in the
 //! order of their data, in the simulated world and in the real process.
 
-use alight_shared::admission::{Arrival, RejectionReason, Rejections, Sender};
-use alight_shared::bus::{computer, wiring};
-use alight_shared::msg::{
-    CommandReceipt, CrewOrder, DeckGrant, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
-    OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest, WaveUpdate,
+use alight_shared::{
+    admission::{Arrival, RejectionReason, Rejections, Sender},
+    bus::{computer, wiring},
+    msg::{
+        CommandReceipt, CrewOrder, DeckGrant, DroneStatus, FollowsAnother, MAX_ORDERS, MAX_SOURCES,
+        OperatorCommand, RtcmFrames, SensorReadings, Seq, TimeRequest, WaveUpdate,
+    },
+    node::Node,
+    process::ProcessKind,
+    radio::RadioTopic,
+    time::{DroneClock, VesselClock, VesselTime},
+    wire::{self, WireError},
 };
-use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
-use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, VesselClock, VesselTime};
-use alight_shared::wire::{self, WireError};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -20,15 +22,17 @@ mod event;
 
 pub use event::VesselEvent;
 
-use crate::VesselNodeConfig;
-use crate::deck::{
-    ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand, OperatorIn,
-    OperatorRelay,
+use crate::{
+    VesselNodeConfig,
+    deck::{
+        ArbiterIn, DeckArbiter, DeckCheckpoint, DeckConfig, DeckInputs, DroneMonitor, GivenCommand,
+        OperatorIn, OperatorRelay,
+    },
+    followed::Followed,
+    node::{IMU, VesselIn, VesselNode, VesselOut},
+    rtcm_relay::RtcmRelay,
+    sensors::{Readings, SensorNode, SourcesConfig},
 };
-use crate::followed::Followed;
-use crate::node::{IMU, VesselIn, VesselNode, VesselOut};
-use crate::rtcm_relay::RtcmRelay;
-use crate::sensors::{Readings, SensorNode, SourcesConfig};
 use crew::CrewOrders;
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

@@ -1,10 +1,8 @@
-use alight_shared::config;
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::surroundings::SurroundingsConfig;
-use alight_shared::vessel_model::VesselModelConfig;
+use alight_shared::{
+    config, geometry::DeckGeometry, surroundings::SurroundingsConfig, vessel_model::VesselModelConfig,
+};
 
-use crate::advice::AdviceConfig;
-use crate::rate_control::RateControlConfig;
+use crate::{advice::AdviceConfig, rate_control::RateControlConfig};
 
 config! {
     /// Inertial sensor: position, noise and timeout.

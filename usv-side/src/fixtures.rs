@@ -1,6 +1,5 @@
 use alight_shared::msg::{AttitudeFix, GnssFix};
-use proptest::prelude::*;
-use proptest::sample::Index;
+use proptest::{prelude::*, sample::Index};
 
 use crate::sensors::{SensorDecoder, SourceMeasurement};
 

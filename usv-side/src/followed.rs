@@ -3,9 +3,11 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::{FollowsAnother, TimeRequest};
-use alight_shared::time::{DroneClock, Span, VesselClock, VesselTime};
+use alight_shared::{
+    admission::{Arrival, Sender},
+    msg::{FollowsAnother, TimeRequest},
+    time::{DroneClock, Span, VesselClock, VesselTime},
+};
 
 use crate::deck::MAX_DRONES;
 
@@ -64,8 +66,7 @@ impl Followed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     #[test]
     fn drone_that_follows_a_second_computer() {

@@ -1,22 +1,27 @@
 //! The vessel's node: admission of measurements, estimator, broadcast, time replies.
 
-use alight_shared::admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender};
-use alight_shared::apparent_slope::{self, ApparentSlope};
-use alight_shared::msg::{
-    CourseAdvice, DeckDimensions, EstimateUpdate, Header, MAX_SOURCES, Message, TimeReply, TimeRequest,
-    VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate, message_version,
+use alight_shared::{
+    admission::{Arrival, Periodic, RejectionReason, Rejections, Rule, Sender},
+    apparent_slope::{self, ApparentSlope},
+    msg::{
+        CourseAdvice, DeckDimensions, EstimateUpdate, Header, MAX_SOURCES, Message, TimeReply, TimeRequest,
+        VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel, WaveSender, WaveUpdate,
+        message_version,
+    },
+    node::Node,
+    surroundings::Surroundings,
+    time::{DroneClock, Span, VesselClock, VesselTime},
 };
-use alight_shared::node::Node;
-use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, Span, VesselClock, VesselTime};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use crate::VesselNodeConfig;
-use crate::advice::{Advice, Advisor};
-use crate::estimator::{Estimator, OutlierCounts};
-use crate::rate_control::RateControl;
-use crate::sensors::{Measurement, Readings, RepeatedSamples};
+use crate::{
+    VesselNodeConfig,
+    advice::{Advice, Advisor},
+    estimator::{Estimator, OutlierCounts},
+    rate_control::RateControl,
+    sensors::{Measurement, Readings, RepeatedSamples},
+};
 
 /// Maximum number of inputs of one kind per step; further ones are rejected.
 const MAX_PER_STEP: usize = 100;

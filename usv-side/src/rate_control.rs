@@ -9,8 +9,7 @@
 //! All drones receive one broadcast. The worst link limits its rate; during a descent only the descending
 //! drone's link does, and a drone that connects in the meantime waits.
 
-use alight_shared::config;
-use alight_shared::time::VesselTime;
+use alight_shared::{config, time::VesselTime};
 
 const MAX_DRONES: usize = 8;
 /// Half of the window for the minimum delay, s.

@@ -5,9 +5,11 @@
 //! with all following ones until the bucket is full, so that epochs pass completely or not at all. Other
 //! messages are dropped with them, and must leave a third of the bucket.
 
-use alight_shared::msg::{Header, RtcmFrames, Seq};
-use alight_shared::rtcm::{MAX_FRAME_BYTES, number};
-use alight_shared::time::{Time, VesselClock, VesselTime};
+use alight_shared::{
+    msg::{Header, RtcmFrames, Seq},
+    rtcm::{MAX_FRAME_BYTES, number},
+    time::{Time, VesselClock, VesselTime},
+};
 
 /// Data rate limit for frames, bytes/s; the bucket holds one second of it.
 pub const BYTES_PER_S: f64 = 3000.0;

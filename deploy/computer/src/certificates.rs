@@ -3,10 +3,12 @@
 //! One authority signs all certificates. Each certificate carries the name of its side, which the radio's
 //! rules check. Keys are ECDSA P-256 with SHA-256.
 
-use std::fs::{self, OpenOptions};
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
-use std::path::{Path, PathBuf};
+use std::{
+    fs::{self, OpenOptions},
+    io::Write,
+    os::unix::fs::OpenOptionsExt,
+    path::{Path, PathBuf},
+};
 
 use alight_shared::msg::Certificate;
 use alight_transport::radio::TlsConfig;
@@ -15,8 +17,7 @@ use rcgen::{
     KeyPair, KeyUsagePurpose, PublicKeyData,
 };
 use time::{Duration, OffsetDateTime};
-use x509_parser::extensions::ParsedExtension;
-use x509_parser::pem::parse_x509_pem;
+use x509_parser::{extensions::ParsedExtension, pem::parse_x509_pem};
 
 use crate::exit::{CliError, Doing};
 

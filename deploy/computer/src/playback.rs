@@ -1,36 +1,42 @@
 //! Replay of a log: recorded inputs are passed to new nodes, outputs are compared bit for bit, and each step is shown
 //! to observers.
 
-use core::any::Any;
-use core::marker::PhantomData;
+use core::{any::Any, marker::PhantomData};
 
-use alight_shared::bus::{RowStep, Wired};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::ComputerReport;
-use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{Span, Time, WorldTime};
-use alight_shared::wire::{self, WireError};
-use alight_uav::computer as uav;
-use alight_uav::planner::Planner;
-use alight_uav::planner::law::Law;
-use alight_uav::predictor::Predictor;
-use alight_uav::settings::DroneSettings;
+use alight_shared::{
+    bus::{RowStep, Wired},
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::ComputerReport,
+    node::Node,
+    process::ProcessKind,
+    time::{Span, Time, WorldTime},
+    wire::{self, WireError},
+};
+use alight_uav::{
+    computer as uav,
+    planner::{Planner, law::Law},
+    predictor::Predictor,
+    settings::DroneSettings,
+};
 use alight_usv::computer as usv;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use serde::{Serialize, de::DeserializeOwned};
 
-use crate::config::view::ViewConfig;
-use crate::config::{DroneComputerConfig, VesselComputerConfig};
-use crate::exit::{CliError, Doing};
-use crate::process::supervision::{Observed, SupervisorNode};
-use crate::process::supervisor::SUPERVISOR;
-use crate::record::entry::{self, Computed, Entry, PartHeader};
-use crate::record::log::{Log, ProcessStart, ReplayOrder};
-use crate::record::observer::StepObserver;
-use crate::record::reading::LogStep;
-use crate::record::{BASELINE_FILE, WORLD};
-use crate::terminal::note;
+use crate::{
+    config::{DroneComputerConfig, VesselComputerConfig, view::ViewConfig},
+    exit::{CliError, Doing},
+    process::{
+        supervision::{Observed, SupervisorNode},
+        supervisor::SUPERVISOR,
+    },
+    record::{
+        BASELINE_FILE, WORLD,
+        entry::{self, Computed, Entry, PartHeader},
+        log::{Log, ProcessStart, ReplayOrder},
+        observer::StepObserver,
+        reading::LogStep,
+    },
+    terminal::note,
+};
 
 /// Tick of a recording's times, as in lock-step, ns.
 const TICK_NS: i64 = 10_000_000;
@@ -372,15 +378,12 @@ impl Replayed for SupervisorNode {
 mod tests {
     use std::path::Path;
 
-    use alight_shared::config;
-    use alight_shared::time::DroneTime;
+    use alight_shared::{config, time::DroneTime};
     use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, GreyImage};
     use alight_usv::sensors::{SensorNode, SensorsIn};
 
     use super::*;
-    use crate::record::flight::recorder::NodeRecorder;
-    use crate::scratch::scratch;
-    use crate::vessel::sensors;
+    use crate::{record::flight::recorder::NodeRecorder, scratch::scratch, vessel::sensors};
     use std::fs;
 
     fn record<N: Wired>(

@@ -1,7 +1,6 @@
 //! Numbers for flags, with units where they have one: `15kn`, `10m/s`, `90s`, `5min`.
 
-use std::ops::RangeInclusive;
-use std::str::FromStr;
+use std::{ops::RangeInclusive, str::FromStr};
 
 use alight_shared::geodesy::KNOT_MPS;
 

@@ -1,20 +1,22 @@
 //! Situation of one computer, derived only from the topics of its processes.
 
-use alight_shared::admission::AccessRejection;
-use alight_shared::metrics::{MetricName, MetricValue};
-use alight_shared::msg::{
-    ComputerReport, SourceReport, SourceUse, VesselReport, VesselStatus, still_armed_s,
+use alight_shared::{
+    admission,
+    admission::AccessRejection,
+    metrics::{MetricName, MetricValue},
+    msg::{ComputerReport, SourceReport, SourceUse, VesselReport, VesselStatus, still_armed_s},
+    process::{ProcessKind, ProcessState},
+    time::Span,
+    topics,
 };
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::Span;
-use alight_shared::{admission, topics};
 use alight_uav::autopilot::config::DisarmConfig;
 use serde::{Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
-use crate::process::facts::Facts;
-use crate::process::snapshot::Snapshot;
-use crate::subject::Computer;
+use crate::{
+    process::{facts::Facts, snapshot::Snapshot},
+    subject::Computer,
+};
 
 /// Two reporting periods, s; a process without a report for this time is silent.
 pub const OBSERVATION_S: f64 = 1.2;
@@ -192,8 +194,10 @@ impl Serialize for ObservedSituation {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{Certificate, CertificateState, Header, Seq};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        msg::{Certificate, CertificateState, Header, Seq},
+        time::Time,
+    };
 
     /// The state of running processes is known from their reports alone, not from files or the present configuration.
     #[test]

@@ -1,15 +1,19 @@
 //! Computer that a command refers to, by name or configuration.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use alight_shared::config;
 use alight_transport::memory::Instance;
 use clap::Args;
 
-use crate::config::{DroneComputerConfig, VesselComputerConfig};
-use crate::exit::{CliError, Doing};
-use crate::process::instance::is_running;
+use crate::{
+    config::{DroneComputerConfig, VesselComputerConfig},
+    exit::{CliError, Doing},
+    process::instance::is_running,
+};
 
 pub const SHIPPED: [&str; 2] = ["/etc/alight/vessel.toml", "/etc/alight/drone.toml"];
 pub const SIMULATED: &str = "sim";

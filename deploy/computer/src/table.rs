@@ -1,8 +1,10 @@
 //! Tables for a terminal.
 
-use std::fmt::{Display, Write as _};
-use std::io::IsTerminal;
-use std::ops::RangeBounds;
+use std::{
+    fmt::{Display, Write as _},
+    io::IsTerminal,
+    ops::RangeBounds,
+};
 
 use crate::terminal::WIDTH;
 

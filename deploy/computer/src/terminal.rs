@@ -1,14 +1,18 @@
 //! Output for users and for programs. If the reader closes the pipe (`| head`), the program ends quietly instead of
 //! with a panic.
 
-use std::collections::BTreeMap;
-use std::fmt::{self, Display};
-use std::io::{ErrorKind, Write};
-use std::process::{Command, Stdio};
+use std::{
+    collections::BTreeMap,
+    fmt::{self, Display},
+    io::{ErrorKind, Write},
+    process::{Command, Stdio},
+};
 
 use clap::Args;
-use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{
+    Deserialize, Deserializer, Serialize,
+    de::{MapAccess, Visitor},
+};
 use serde_json::Value;
 
 use crate::exit::{CliError, Doing};

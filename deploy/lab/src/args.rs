@@ -1,26 +1,31 @@
-use std::ffi::OsStr;
 #[cfg(test)]
 use std::ffi::OsString;
-use std::fmt;
-use std::hash::{BuildHasher as _, RandomState};
-use std::path::PathBuf;
-use std::str::FromStr;
+use std::{
+    ffi::OsStr,
+    fmt,
+    hash::{BuildHasher as _, RandomState},
+    path::PathBuf,
+    str::FromStr,
+};
 
-use alight_computer::process::args::{ViewArgs, mcap_file};
-use alight_computer::quantity::{duration_s, speed_mps, whole};
-use alight_computer::terminal::Form;
+use alight_computer::{
+    process::args::{ViewArgs, mcap_file},
+    quantity::{duration_s, speed_mps, whole},
+    terminal::Form,
+};
 use alight_shared::msg::State;
-use alight_sim::baselines::Baseline;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::physics::sea::SeaConfig;
-use alight_sim::physics::vessel;
-use alight_sim::physics::vessel::response::HULLS;
+use alight_sim::{
+    baselines::Baseline,
+    harness::scenario::NodeConfigs,
+    physics::{sea::SeaConfig, vessel, vessel::response::HULLS},
+};
 use alight_uav::planner::PlannerKind;
-use clap::builder::{PossibleValue, StringValueParser, TypedValueParser};
-use clap::{Arg, Args, Command, ValueEnum};
+use clap::{
+    Arg, Args, Command, ValueEnum,
+    builder::{PossibleValue, StringValueParser, TypedValueParser},
+};
 
-use super::exec;
-use super::study::definition;
+use super::{exec, study::definition};
 
 /// Parses the flags that follow the name of the command, which is the first of `arguments`.
 #[cfg(test)]

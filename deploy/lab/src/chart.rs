@@ -1,11 +1,9 @@
 //! Charts of a landing as SVG.
 
-use std::ffi::OsStr;
-use std::path::Path;
+use std::{ffi::OsStr, path::Path};
 
 use alight_computer::exit::{CliError, Doing};
-use alight_sim::chart;
-use alight_sim::harness::trace::Trace;
+use alight_sim::{chart, harness::trace::Trace};
 
 /// Checks before the flight whether a plot can be written to `path`, which must name an SVG.
 pub fn can_write(path: &Path) -> Result<(), CliError> {

@@ -17,13 +17,17 @@ pub mod trials;
 
 use clap::{Args, Subcommand};
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::playback::StartViewer;
+use alight_computer::{
+    exit::{CliError, Exit},
+    playback::StartViewer,
+};
 use args::{EnvelopeArgs, SceneArgs, StudyArgs, TrialArgs};
-use live::args::{LandArgs, WorldArgs};
-use live::attach::AttachArgs;
-use live::emulator::LinkArgs;
-use live::rehearse::args::RehearseArgs;
+use live::{
+    args::{LandArgs, WorldArgs},
+    attach::AttachArgs,
+    emulator::LinkArgs,
+    rehearse::args::RehearseArgs,
+};
 use rare::RareArgs;
 use storm::StormArgs;
 

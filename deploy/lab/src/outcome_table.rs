@@ -1,8 +1,12 @@
-use alight_computer::cells;
-use alight_computer::table::{Cell, Table, verdict};
-use alight_computer::terminal::wrapped;
-use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::studies::statistics::{OddsBin, Summary, at_most_95, wilson};
+use alight_computer::{
+    cells,
+    table::{Cell, Table, verdict},
+    terminal::wrapped,
+};
+use alight_sim::{
+    harness::outcome::{Ending, Outcome},
+    studies::statistics::{OddsBin, Summary, at_most_95, wilson},
+};
 use serde_json::{Map, Value, json};
 
 type MetricRow = (&'static str, Option<f64>, usize, &'static str);

@@ -2,16 +2,17 @@
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::quantity::whole;
-use alight_computer::terminal::{self, Form};
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    quantity::whole,
+    terminal::{self, Form},
+};
 use alight_sim::studies::splitting::{End, SplittingEstimate, SplittingRun, land, split};
 use alight_transport::wake::end_requested;
 use clap::Args;
 use indicatif::ProgressBar;
 
-use super::args::SceneArgs;
-use super::scene::Scene;
+use super::{args::SceneArgs, scene::Scene};
 
 /// Arguments of `alight study rare`.
 #[derive(Args, Debug)]

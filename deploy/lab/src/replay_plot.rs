@@ -3,17 +3,25 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::CliError;
-use alight_computer::playback::Plot;
-use alight_computer::record::log::{Log, ProcessStart};
-use alight_computer::record::observer::StepObserver;
-use alight_shared::msg::{DeckForecast, DroneState};
-use alight_shared::step::Step;
-use alight_shared::time::{DroneTime, Time, WorldTime};
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::CliError,
+    playback::Plot,
+    record::{
+        log::{Log, ProcessStart},
+        observer::StepObserver,
+    },
+};
+use alight_shared::{
+    msg::{DeckForecast, DroneState},
+    step::Step,
+    time::{DroneTime, Time, WorldTime},
+};
 use alight_sim::harness::trace::{Trace, TracePoint};
-use alight_uav::pilot::PilotOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_uav::{
+    pilot::PilotOut,
+    predictor::{PredictorIn, PredictorOut},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::chart;

@@ -1,22 +1,33 @@
 use std::path::Path;
 
-use alight_computer::config::method::{self, Tuning};
-use alight_computer::config::view::ViewConfig;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::terminal;
-use alight_shared::config::{self, Check, Keys, commented};
-use alight_shared::msg::LandingMode;
-use alight_sim::harness::outcome::TIME_LIMIT_S;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::sea::SeaConfig;
+use alight_computer::{
+    config::{
+        DroneComputerConfig, VesselComputerConfig,
+        method::{self, Tuning},
+        view::ViewConfig,
+    },
+    exit::{CliError, Exit},
+    terminal,
+};
+use alight_shared::{
+    config::{self, Check, Keys, commented},
+    msg::LandingMode,
+};
+use alight_sim::{
+    harness::{
+        outcome::TIME_LIMIT_S,
+        scenario::{NodeConfigs, Scenario},
+        storm::{Fault, FaultKind, Moment},
+    },
+    physics::{deck_motion::DeckMotionConfig, sea::SeaConfig},
+};
 use alight_uav::autopilot::modes::Firmware;
 use serde::de::DeserializeOwned;
 
-use crate::args::{AutopilotArg, SceneArgs, WindArg};
-use crate::exec;
+use crate::{
+    args::{AutopilotArg, SceneArgs, WindArg},
+    exec,
+};
 
 pub fn print_defaults() -> Result<Exit, CliError> {
     let text = commented(&Scenario::default());

@@ -1,29 +1,39 @@
 //! `alight study storm`: flights with several drawn faults each, rules that must hold in every tick, and the shortest
 //! list of faults that breaks a rule.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::{Path, PathBuf},
+};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::quantity::{seconds, whole};
-use alight_computer::record::observer::StepObserver;
-use alight_computer::terminal::{self, Form, note, wrapped};
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    quantity::{seconds, whole},
+    record::observer::StepObserver,
+    terminal::{self, Form, note, wrapped},
+};
 use alight_people::said::Statements;
-use alight_shared::msg::State;
-use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::storm::watch::{StormRule, Violation};
-use alight_sim::harness::storm::{
-    FaultKind, FlightKind, Flown, MAX_FAULTS, Pair, Storm, StormEnding, fly, fly_observed, pairs, shrink,
+use alight_shared::{
+    msg::State,
+    step::Step,
+    time::{Time, TrueTime},
+};
+use alight_sim::harness::{
+    observer::WorldObserver,
+    storm::{
+        FaultKind, FlightKind, Flown, MAX_FAULTS, Pair, Storm, StormEnding, fly, fly_observed, pairs, shrink,
+        watch::{StormRule, Violation},
+    },
 };
 use alight_transport::wake::end_requested;
 use clap::Args;
 use serde::Serialize;
 
-use super::scene::stopwatch;
-use super::trials::{in_parallel, seeds};
+use super::{
+    scene::stopwatch,
+    trials::{in_parallel, seeds},
+};
 
 const MAX_LIST_BYTES: u64 = 1 << 20;
 /// Seeds per worker between two checks of the clock.

@@ -1,14 +1,20 @@
-use alight_computer::config::view::ViewConfig;
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::playback::{StartViewer, Viewer};
-use alight_computer::terminal::{self, note};
+use alight_computer::{
+    config::view::ViewConfig,
+    exit::{CliError, Doing, Exit},
+    playback::{StartViewer, Viewer},
+    terminal::{self, note},
+};
 use alight_shared::msg::{ComputerReport, Reason, ReasonCode};
-use alight_sim::chart::landing;
-use alight_sim::harness::trial::{Event, FlownTrial, Watch, fly};
+use alight_sim::{
+    chart::landing,
+    harness::trial::{Event, FlownTrial, Watch, fly},
+};
 
-use crate::args::TrialArgs;
-use crate::scene::{Scene, stopwatch};
-use crate::{chart, outcome_table, record};
+use crate::{
+    args::TrialArgs,
+    chart, outcome_table, record,
+    scene::{Scene, stopwatch},
+};
 
 /// Flies one landing, shows its phases, and ends with a table.
 pub fn run(args: &TrialArgs, viewer: StartViewer<'_>) -> Result<Exit, CliError> {

@@ -2,25 +2,30 @@
 
 use std::path::Path;
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal::{self, note, wrapped};
-use alight_shared::estimation::quantile;
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly_with};
-use alight_sim::studies::statistics::Summary;
-use alight_transport::clock::steady_ns;
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    terminal::{self, note, wrapped},
+};
+use alight_shared::{estimation::quantile, step::Step, time::WorldTime};
+use alight_sim::{
+    harness::{
+        observer::WorldObserver,
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario},
+        trial::{Watch, fly_with},
+    },
+    studies::statistics::Summary,
+};
+use alight_transport::{clock::steady_ns, wake::end_requested};
 use alight_uav::planner::PlannerOut;
 use indicatif::{ParallelProgressIterator, ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
-use super::args::TrialArgs;
-use super::outcome_table;
-use super::scene::{Scene, stopwatch};
+use super::{
+    args::TrialArgs,
+    outcome_table,
+    scene::{Scene, stopwatch},
+};
 
 /// Maps `items` by `run` on `jobs` threads (all cores if None) behind a progress bar, which is hidden unless standard
 /// error is a terminal. Results are in the order of the items, and incomplete if the end is requested.

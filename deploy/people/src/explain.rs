@@ -1,13 +1,19 @@
 //! `alight explain`: advice on the messages of mission, page and status, by code or text.
 
-use std::cmp::Reverse;
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::LazyLock;
+use std::{
+    cmp::Reverse,
+    collections::{BTreeMap, BTreeSet},
+    sync::LazyLock,
+};
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::terminal::{self, WIDTH, wrap};
-use alight_shared::autopilot_parameters::{PARAMETERS, Wanted};
-use alight_shared::msg::{Reason, ReasonCode};
+use alight_computer::{
+    exit::{CliError, Exit},
+    terminal::{self, WIDTH, wrap},
+};
+use alight_shared::{
+    autopilot_parameters::{PARAMETERS, Wanted},
+    msg::{Reason, ReasonCode},
+};
 use clap::Args;
 use serde::Deserialize;
 
@@ -178,8 +184,7 @@ fn lines(explained: &Explained) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::fs;
-    use std::path::Path;
+    use std::{fs, path::Path};
 
     #[test]
     fn advice_on_every_reason() {

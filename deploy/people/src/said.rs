@@ -1,22 +1,30 @@
 //! Judge of statements: rules on the texts of status and page, checked five times a second against the messages from
 //! which they are made. The judge of flights is `alight_sim::harness::storm::watch`.
 
-use alight_computer::process::snapshot::Snapshot;
-use alight_computer::record::messages::{Message, each_message};
-use alight_computer::record::observer::StepObserver;
-use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::{
-    Command, CommandKind, ComputerReport, DroneContact, DroneStatus, Seq, State, VesselReport, VesselStatus,
+use alight_computer::{
+    process::snapshot::Snapshot,
+    record::{
+        messages::{Message, each_message},
+        observer::StepObserver,
+    },
+    situation::ObservedSituation,
 };
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::{Time, TrueTime};
-use alight_shared::topics;
+use alight_shared::{
+    msg::{
+        Command, CommandKind, ComputerReport, DroneContact, DroneStatus, Seq, State, VesselReport,
+        VesselStatus,
+    },
+    process::ProcessKind,
+    step::Step,
+    time::{Time, TrueTime},
+    topics,
+};
 use serde::Serialize;
 
-use crate::status::{Status, go};
-use crate::view::board::Board;
-use crate::view::picture::Picture;
+use crate::{
+    status::{Status, go},
+    view::{board::Board, picture::Picture},
+};
 
 const PERIOD_NS: i64 = 200_000_000;
 /// Shortest time between two changes of words without a change of state, less one period, ns.

@@ -1,11 +1,15 @@
 //! Documents: every page is in the table of contents, every link leads to a file and a heading, and the total length
 //! is limited.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use alight_shared::autopilot_parameters::{PARAMETERS, Severity, Wanted};
-use alight_shared::wire;
+use alight_shared::{
+    autopilot_parameters::{PARAMETERS, Severity, Wanted},
+    wire,
+};
 
 const MAX_PAGES: usize = 22;
 const MAX_WORDS: usize = 28_000;

@@ -1,7 +1,9 @@
 //! Commands: exit codes, errors, JSON, determinism.
-use std::fs;
-use std::io::Write;
-use std::process::{Command, Stdio};
+use std::{
+    fs,
+    io::Write,
+    process::{Command, Stdio},
+};
 
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout, succeeds};
 

@@ -4,27 +4,31 @@
 //! For hours instead of seconds: `PROPTEST_RNG_SEED=7 PROPTEST_CASES=10000000 cargo test --release --workspace --test
 //! cli fuzz`.
 
-use std::path::Path;
-use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-use alight_shared::config::{self, Check};
-use alight_shared::msg::{
-    DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage, RtcmFrames,
-    Seq, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode, WaveModel,
-    WaveSender, WaveUpdate, f16,
+use std::{
+    path::Path,
+    sync::{
+        OnceLock,
+        atomic::{AtomicU32, Ordering},
+    },
 };
-use alight_shared::process::ProcessState;
-use alight_shared::rtcm::MAX_FRAME_BYTES;
-use alight_shared::time::{DroneClock, VesselClock};
-use alight_shared::wire::{self, MAX_WIRE_BYTES};
+
+use alight_shared::{
+    config::{self, Check},
+    msg::{
+        DeckGrant, DroneStatus, EstimateUpdate, Header, Message, OperatorCommand, PredictedStage, RtcmFrames,
+        Seq, TimeReply, TimeRequest, VesselEstimate, VesselPrediction, VesselSurroundings, WaveMode,
+        WaveModel, WaveSender, WaveUpdate, f16,
+    },
+    process::ProcessState,
+    rtcm::MAX_FRAME_BYTES,
+    time::{DroneClock, VesselClock},
+    wire::{self, MAX_WIRE_BYTES},
+};
 use alight_sim::harness::scenario::Scenario;
 use alight_uav::settings::DroneSettings;
 use alight_usv::{DeckConfig, VesselNodeConfig};
-use proptest::prelude::*;
-use proptest::test_runner::TestRunner;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use proptest::{prelude::*, test_runner::TestRunner};
+use serde::{Serialize, de::DeserializeOwned};
 
 use crate::program;
 

@@ -1,5 +1,7 @@
-use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::{
+    path::PathBuf,
+    process::{Command, Output},
+};
 
 pub fn alight(arguments: impl AsRef<str>) -> Output {
     Command::new(env!("CARGO_BIN_EXE_alight"))

@@ -1,7 +1,9 @@
-use std::collections::BTreeSet;
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::{
+    collections::BTreeSet,
+    fs,
+    path::{Path, PathBuf},
+    sync::OnceLock,
+};
 
 use crate::program::{alight, assert_rejected, file, json, scratch, stderr, stdout, succeeds};
 use mcap::{Compression, MessageStream, Summary, WriteOptions};

@@ -1,9 +1,11 @@
 //! Installed files: configurations with every default, and units that systemd accepts.
 
-use std::collections::BTreeMap;
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use toml::{Table, Value};
 

@@ -1,12 +1,16 @@
 //! Access control of the radio: real Zenoh clients whose messages must be rejected, next to one that is admitted.
 
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use alight_shared::admission::AccessRejection;
-use alight_transport::radio::{Radio, RadioConfig};
-use alight_transport::rejections;
+use alight_transport::{
+    radio::{Radio, RadioConfig},
+    rejections,
+};
 use rcgen::{CertificateParams, DnType, ExtendedKeyUsagePurpose, Issuer, KeyPair};
 use zenoh::Wait;
 

@@ -2,15 +2,16 @@
 
 use core::fmt::Debug;
 
-use alight_shared::admission::Latest;
-use alight_shared::bus::{Bus, Reader, Wake, Writer};
-use alight_shared::msg::{Header, RangeSample, SetPoint};
-use alight_shared::plain::Plain;
-use alight_shared::time::{DroneTime, Span, Time};
+use alight_shared::{
+    admission::Latest,
+    bus::{Bus, Reader, Wake, Writer},
+    msg::{Header, RangeSample, SetPoint},
+    plain::Plain,
+    time::{DroneTime, Span, Time},
+};
 use alight_sim::harness::bus::LockStep;
 use alight_transport::memory::{Instance, Memory, Services};
-use proptest::collection::vec;
-use proptest::prelude::*;
+use proptest::{collection::vec, prelude::*};
 
 fn in_memory(name: &str, suite: impl FnOnce(&Memory)) {
     let instance = Instance::new(&format!("{name}-{}", std::process::id())).unwrap();

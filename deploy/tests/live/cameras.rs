@@ -1,19 +1,24 @@
 //! `alight camera` and `alight uvdar` as processes that read images from files: the deck is rendered, written as PGM,
 //! and detected at its position.
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Output,
+};
 
-use alight_shared::frames::{Deck, DroneBody, Point};
-use alight_shared::time::Time;
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::physics::body::RigidState;
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::camera::{CameraMount, body_from_camera};
-use alight_sim::sensors::render::ultraviolet::Ultraviolet;
-use alight_sim::sensors::render::{Renderer, Shot};
-use alight_uav::camera::GreyImage;
-use alight_uav::camera::uvdar::UvdarSettings;
+use alight_shared::{
+    frames::{Deck, DroneBody, Point},
+    time::Time,
+};
+use alight_sim::{
+    harness::scenario::Scenario,
+    physics::{body::RigidState, streams::Streams},
+    sensors::{
+        camera::{CameraMount, body_from_camera},
+        render::{Renderer, Shot, ultraviolet::Ultraviolet},
+    },
+};
+use alight_uav::camera::{GreyImage, uvdar::UvdarSettings};
 use nalgebra::Vector3;
 use serde_json::Value;
 

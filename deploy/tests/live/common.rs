@@ -1,9 +1,11 @@
-use std::cell::RefCell;
-use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
-use std::sync::{Condvar, Mutex, PoisonError};
-use std::time::Duration;
+use std::{
+    cell::RefCell,
+    net::UdpSocket,
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    sync::{Condvar, Mutex, PoisonError},
+    time::Duration,
+};
 
 use alight_lab::live::service::Service;
 use alight_transport::radio::{Publication, TlsConfig, Urgency};

@@ -5,9 +5,11 @@
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
-use crate::common::{instance, run};
-use crate::firmware::{FirmwareFlight, FirmwareOutcome, fly};
-use crate::landing::{directory, pid, status_when};
+use crate::{
+    common::{instance, run},
+    firmware::{FirmwareFlight, FirmwareOutcome, fly},
+    landing::{directory, pid, status_when},
+};
 
 /// Maximum time on the deck with motors on, s: the autopilot denies commands for 1 s, PX4 returns from its failsafe,
 /// and a restarted process searches for evidence of the landing.

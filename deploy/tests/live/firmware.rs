@@ -1,27 +1,40 @@
 //! Landings of all processes with a drone flown by the tests' own firmware, which uses ArduPilot's JSON backend or
 //! PX4's simulator API towards the world and MAVLink towards `alight autopilot`, with its own origin.
-use std::fs;
-use std::io::ErrorKind::WouldBlock;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::{
+    fs,
+    io::{ErrorKind::WouldBlock, Read, Write},
+    net::{TcpListener, TcpStream, UdpSocket},
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::Duration,
+};
 
-use alight_shared::frames::yaw_rotation;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::AutopilotMode;
-use alight_shared::time::{Time, WorldTime};
-use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
-use alight_sim::autopilots::stand_in;
-use alight_sim::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState};
-use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{MavCmd, MavResult, MavlinkMessage};
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::Decoder;
+use alight_shared::{
+    frames::yaw_rotation,
+    geodesy::Datum,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::AutopilotMode,
+    time::{Time, WorldTime},
+};
+use alight_sim::{
+    autopilots::{
+        simulated::{SimulatedAutopilot, mode_number},
+        stand_in,
+    },
+    physics::{
+        drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState},
+        streams::Streams,
+    },
+};
+use alight_uav::autopilot::{
+    message::{MavCmd, MavResult, MavlinkMessage},
+    modes::Firmware,
+    wire::Decoder,
+};
 
 use crate::common::{errors, free_port, printed, run};
 use nalgebra::Vector3;

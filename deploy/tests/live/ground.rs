@@ -1,16 +1,20 @@
 //! Observers: a ground station on the autopilot's other link, and an operator at another terminal.
 
-use std::net::{SocketAddr, UdpSocket};
-use std::process::Child;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
-
-use alight_uav::autopilot::message::{
-    Address, COMPANION_COMPONENT, MavAutopilot, MavMessage, MavType, MavlinkMessage, text,
+use std::{
+    net::{SocketAddr, UdpSocket},
+    process::Child,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::Duration,
 };
-use alight_uav::autopilot::wire::Decoder;
+
+use alight_uav::autopilot::{
+    message::{Address, COMPANION_COMPONENT, MavAutopilot, MavMessage, MavType, MavlinkMessage, text},
+    wire::Decoder,
+};
 
 use crate::common::{errors, printed, run, started};
 

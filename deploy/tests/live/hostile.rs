@@ -1,16 +1,22 @@
 //! Hostile client on the vessel's radio during a whole landing: everything that it publishes on the keys of vessel
 //! and drone is counted and shown, and the landing continues.
 
-use std::collections::BTreeMap;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, channel};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::{
+    collections::BTreeMap,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, channel},
+    },
+    thread::JoinHandle,
+    time::Duration,
+};
 
-use alight_shared::msg::{DroneStatus, EstimateUpdate, TimeReply, TimeRequest, VesselPrediction, WaveUpdate};
-use alight_shared::time::{DroneClock, VesselClock};
-use alight_shared::wire::{MAX_WIRE_BYTES, decode, encode};
+use alight_shared::{
+    msg::{DroneStatus, EstimateUpdate, TimeReply, TimeRequest, VesselPrediction, WaveUpdate},
+    time::{DroneClock, VesselClock},
+    wire::{MAX_WIRE_BYTES, decode, encode},
+};
 use zenoh::Wait;
 
 use serde_json::Value;

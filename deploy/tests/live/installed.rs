@@ -4,27 +4,35 @@
 //! `deploy/packages/test` lands with the installed packages: it sets ALIGHT_VESSEL and ALIGHT_DRONE to their
 //! commands, preceded by network namespace and user.
 
-use std::collections::BTreeMap;
-use std::net::UdpSocket;
-use std::os::unix::fs::PermissionsExt;
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::{
+    collections::BTreeMap,
+    net::UdpSocket,
+    os::unix::fs::PermissionsExt,
+    path::{Path, PathBuf},
+    process::{Command, Output},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+    time::Duration,
+};
 
 use alight_computer::vessel::deck_file;
-use alight_lab::live::config::sources;
-use alight_lab::live::service::{Service, runs};
+use alight_lab::live::{
+    config::sources,
+    service::{Service, runs},
+};
 use alight_shared::config;
 use alight_sim::harness::scenario::Scenario;
 use alight_transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
 
-use crate::common::{self, free_port, signal};
-use crate::landing::pid;
+use crate::{
+    common::{self, free_port, signal},
+    landing::pid,
+};
 
 /// Maximum time from the start of the test to the simulated time zero, ns.
 const RUN_UP_NS: i64 = 5_000_000_000;

@@ -1,16 +1,20 @@
 //! Live processes, each test with a separate instance on the loopback interface.
 
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Output};
-use std::time::Duration;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Child, Output},
+    time::Duration,
+};
 
 use serde_json::Value;
 
-use crate::common::{assert_exit, errors, free_port, instance, once, printed, run, scratch, signal, started};
-use crate::ground::{self, GroundStation};
-use crate::hostile::Attack;
-use crate::view;
+use crate::{
+    common::{assert_exit, errors, free_port, instance, once, printed, run, scratch, signal, started},
+    ground::{self, GroundStation},
+    hostile::Attack,
+    view,
+};
 
 const PROCESSES: [&str; 8] = [
     "world",

@@ -1,7 +1,9 @@
 //! Link emulator between network namespaces, and a landing over it.
 
-use std::process::{Command, Output};
-use std::time::Duration;
+use std::{
+    process::{Command, Output},
+    time::Duration,
+};
 
 use serde_json::Value;
 

@@ -5,8 +5,10 @@ use std::time::Duration;
 use alight_shared::admission::Sender;
 use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
 
-use crate::common::{free_udp, publication};
-use crate::ros2::free_tcp_port;
+use crate::{
+    common::{free_udp, publication},
+    ros2::free_tcp_port,
+};
 
 fn vessel(endpoint: &str) -> Radio {
     let config = RadioConfig::listening(endpoint, TlsConfig::default());

@@ -1,21 +1,28 @@
 //! Landing at Moderate with the makers' own firmware flying the simulated drone, if its program is on this computer.
 //! `firmware.rs` flies the same plant with the tests' own firmware.
 
-use std::fs;
-use std::io::{Read, Write};
-use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::{
+    fs,
+    io::{Read, Write},
+    net::{TcpListener, TcpStream, UdpSocket},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
 use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_uav::autopilot::message::{
-    Address, CommandLong, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavType, MavlinkMessage, heartbeat,
+use alight_uav::autopilot::{
+    message::{
+        Address, CommandLong, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavType, MavlinkMessage,
+        heartbeat,
+    },
+    modes::{Firmware, px4_mode},
+    wire::{Decoder, Encoder},
 };
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
-use alight_uav::autopilot::wire::{Decoder, Encoder};
 
 use crate::common::{errors, free_port, printed, run};
 

@@ -1,17 +1,21 @@
 //! Flight recorder of a real process that is killed. Only the rounds that are run by hand assert a time: `cargo test
 //! --release --workspace --test live -- --ignored --nocapture hundred_kills`.
 
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::service::Service;
-use alight_shared::msg::{Header, SensorReadings};
-use alight_shared::{config, wire};
+use alight_shared::{
+    config,
+    msg::{Header, SensorReadings},
+    wire,
+};
 use alight_transport::memory::{Instance, Memory};
-use alight_usv::ComputerIn;
-use alight_usv::sensors::Readings;
+use alight_usv::{ComputerIn, sensors::Readings};
 use serde_json::Value;
 
 use crate::common::{errors, free_udp, instance, printed, run, scratch, service};

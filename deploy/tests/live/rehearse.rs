@@ -1,14 +1,18 @@
 //! `alight rehearse`: both services with the shipped files over mutual TLS, sensors by their bytes on serial lines,
 //! the camera by its images, and a vessel's service that is killed while the drone follows.
 
-use std::fs;
-use std::io::{BufRead, BufReader};
+use std::{
+    fs,
+    io::{BufRead, BufReader},
+};
 
 use alight_uav::autopilot::modes::Firmware;
 use serde_json::Value;
 
-use crate::common::{alone, errors, printed, signal, started};
-use crate::firmware::{FirmwareFlight, StandIn, assert_disarmed};
+use crate::{
+    common::{alone, errors, printed, signal, started},
+    firmware::{FirmwareFlight, StandIn, assert_disarmed},
+};
 
 /// Temporary files and shared memory left behind by a rehearsal with this process id.
 fn left(pid: u32) -> Vec<String> {

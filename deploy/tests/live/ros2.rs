@@ -1,20 +1,23 @@
 //! ROS 2 node next to a landing of all processes, received by a plain Zenoh session through a router that starts
 //! after the node, as rmw_zenohd may.
 
-use std::io::{BufRead, BufReader};
-use std::net::TcpListener;
-use std::process::{Child, Stdio};
-use std::sync::mpsc::{Receiver, channel};
-use std::time::{Duration, SystemTime};
+use std::{
+    io::{BufRead, BufReader},
+    net::TcpListener,
+    process::{Child, Stdio},
+    sync::mpsc::{Receiver, channel},
+    time::{Duration, SystemTime},
+};
 
 use byteorder::LittleEndian;
 use cdr_encoding::from_bytes;
 use serde::de::DeserializeOwned;
-use zenoh::Wait;
-use zenoh::sample::Sample;
+use zenoh::{Wait, sample::Sample};
 
-use crate::common::{alight, instance, scratch, signal};
-use crate::landing::{land, status_when};
+use crate::{
+    common::{alight, instance, scratch, signal},
+    landing::{land, status_when},
+};
 
 type Header = ((i32, u32), String);
 /// Position and quaternion (x, y, z, w), with covariance.

@@ -1,17 +1,21 @@
 //! `alight sensors` as a process on real sockets, with a boat's sensors at one end and the vessel's process at the
 //! other; links and decoders have separate tests.
-use std::fs;
-use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::process::Stdio;
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
-use std::time::Duration;
+use std::{
+    fs,
+    net::UdpSocket,
+    path::{Path, PathBuf},
+    process::Stdio,
+    sync::mpsc::{Receiver, RecvTimeoutError},
+    time::Duration,
+};
 
 use alight_transport::memory::{Instance, Memory, Services};
 use serde_json::Value;
 
-use crate::common::{Running, alight, errors, free_udp, instance, once, run, scratch, service, signal};
-use crate::landing::pid;
+use crate::{
+    common::{Running, alight, errors, free_udp, instance, once, run, scratch, service, signal},
+    landing::pid,
+};
 
 fn sentence(body: &str) -> String {
     let sum = body.bytes().fold(0_u8, |a, b| a ^ b);

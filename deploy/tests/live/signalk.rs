@@ -1,16 +1,20 @@
 //! `alight signalk` with a Signal K server, and its deltas as input of a vessel's sensor.
 
-use std::net::{TcpListener, TcpStream};
-use std::process::Stdio;
-use std::time::Duration;
+use std::{
+    net::{TcpListener, TcpStream},
+    process::Stdio,
+    time::Duration,
+};
 
 use alight_shared::msg::SensorReadings;
 use alight_usv::sensors::Readings;
 use serde_json::Value;
 use tungstenite::{Message, WebSocket};
 
-use crate::common::{Running, alight, instance, signal};
-use crate::sensors::Sensors;
+use crate::{
+    common::{Running, alight, instance, signal},
+    sensors::Sensors,
+};
 
 fn server() -> (TcpListener, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

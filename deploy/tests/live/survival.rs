@@ -1,22 +1,25 @@
 //! Survival of a vessel with a full recorder, of a supervisor whose process cannot be started, and of the deck's
 //! state.
 
-use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
+use std::{os::unix::fs::PermissionsExt, path::PathBuf};
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::service::Service;
-use alight_shared::msg::{Closure, DroneStatus, Header, State};
-use alight_shared::time::Time;
-use alight_shared::{config, wire};
+use alight_shared::{
+    config,
+    msg::{Closure, DroneStatus, Header, State},
+    time::Time,
+    wire,
+};
 use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
-use alight_usv::VesselCheckpoint;
-use alight_usv::deck::Claim;
+use alight_usv::{VesselCheckpoint, deck::Claim};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
 
-use crate::common::{self, alight, free_udp, instance, printed, run, scratch, service};
-use crate::landing::{pid, status_when};
+use crate::{
+    common::{self, alight, free_udp, instance, printed, run, scratch, service},
+    landing::{pid, status_when},
+};
 
 /// Vessel's computer without sensors, on the loopback interface.
 struct Vessel {

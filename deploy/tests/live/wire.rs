@@ -1,18 +1,21 @@
 //! Radio for other programs, late peers, and a router between vessel and drone.
 
-use std::fs;
-use std::path::Path;
-use std::time::Duration;
+use std::{fs, path::Path, time::Duration};
 
-use alight_shared::admission::Sender;
-use alight_shared::topics::{self, Topic};
-use alight_transport::Received;
-use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency};
-use zenoh::Wait;
-use zenoh::sample::Sample;
+use alight_shared::{
+    admission::Sender,
+    topics::{self, Topic},
+};
+use alight_transport::{
+    Received,
+    radio::{Publication, Radio, RadioConfig, Subscription, TlsConfig, Urgency},
+};
+use zenoh::{Wait, sample::Sample};
 
-use crate::common::{self, free_udp, tls};
-use crate::ros2::free_tcp_port;
+use crate::{
+    common::{self, free_udp, tls},
+    ros2::free_tcp_port,
+};
 
 const WAVE: &str = "alight/vessel-1/wave";
 const STATUS: &str = "alight/drone-1/status";

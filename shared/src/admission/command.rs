@@ -7,9 +7,11 @@
 //! - A landing that another sender orders within [`UNAWARE_OF_ABORT`] of an abort is rejected.
 
 use super::{RejectionReason, Rejections};
-use crate::msg::{CommandKind, Header, OperatorCommand, message_version};
-use crate::time::{Clock, Span, Time};
-use crate::topics;
+use crate::{
+    msg::{CommandKind, Header, OperatorCommand, message_version},
+    time::{Clock, Span, Time},
+    topics,
+};
 
 /// Time after an abort during which another sender may not have received it.
 pub const UNAWARE_OF_ABORT: Span = Span::from_millis(1000);

@@ -1,8 +1,10 @@
 //! Newest valid copy of an input.
 
 use super::{RejectionReason, check_message};
-use crate::msg::{Header, Message};
-use crate::time::{Clock, Span, Time};
+use crate::{
+    msg::{Header, Message},
+    time::{Clock, Span, Time},
+};
 
 /// Age limits for one kind of message.
 #[derive(Clone, Copy, Debug)]
@@ -106,8 +108,7 @@ impl<T: Message + Copy> Latest<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::msg::RangeSample;
-    use crate::time::DroneTime;
+    use crate::{msg::RangeSample, time::DroneTime};
 
     fn sample(at_ms: i64, boot: u32, sequence: u32) -> RangeSample {
         RangeSample {

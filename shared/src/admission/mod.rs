@@ -16,8 +16,10 @@ pub use rejection::{RejectionReason, Rejections};
 pub use retransmission::Retransmission;
 pub use sender::{Arrival, Sender};
 
-use crate::msg::{Header, Message, message_version};
-use crate::time::Clock;
+use crate::{
+    msg::{Header, Message, message_version},
+    time::Clock,
+};
 
 /// Checks version and content of a message.
 pub fn check_message<M: Message>(message: &M) -> Result<(), RejectionReason> {

@@ -1,8 +1,10 @@
 //! Retransmission of an order until its receiver acknowledges it.
 
-use crate::msg::{Command, MissionState};
-use crate::time::{Clock, Time};
-use crate::topics::Retries;
+use crate::{
+    msg::{Command, MissionState},
+    time::{Clock, Time},
+    topics::Retries,
+};
 
 /// Order in transmission, timed by the sender's clock `S`. Its repetitions are recognised by their original time.
 #[derive(Clone, Copy, Debug, PartialEq)]

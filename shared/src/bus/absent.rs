@@ -1,8 +1,7 @@
 //! Optional bus: a row without a bus has neither readers nor writers.
 
 use super::{Bus, Reader, Wake, Writer};
-use crate::plain::Plain;
-use crate::process::InputState;
+use crate::{plain::Plain, process::InputState};
 
 impl<B: Bus> Bus for Option<B> {
     type Error = B::Error;

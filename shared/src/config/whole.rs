@@ -2,9 +2,13 @@
 
 use core::fmt::Display;
 
-use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer, StringDeserializer};
-use serde::de::{DeserializeOwned, Deserializer, Error as _, IntoDeserializer, Visitor};
-use serde::forward_to_deserialize_any;
+use serde::{
+    de::{
+        DeserializeOwned, Deserializer, Error as _, IntoDeserializer, Visitor,
+        value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer, StringDeserializer},
+    },
+    forward_to_deserialize_any,
+};
 use thiserror::Error;
 use toml::{Table, Value};
 
@@ -173,8 +177,10 @@ impl<'de> Deserializer<'de> for Whole {
 
 #[cfg(test)]
 mod tests {
-    use crate::config;
-    use crate::config::{parse, read};
+    use crate::{
+        config,
+        config::{parse, read},
+    };
     use serde::{Deserialize, Serialize};
 
     config! {

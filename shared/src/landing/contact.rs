@@ -16,12 +16,14 @@
 
 use nalgebra::Vector2;
 
-use super::normal::{below, inside, norm};
-use super::odds::Odds;
-use super::wind::{
-    ALONG_PER_GUST_S, PLACE_PER_GUST_S2, TILT_PER_GUST, WindPush, beyond_aligned, wind_during_alignment,
+use super::{
+    MAX_MPS, MAX_TILT_RAD,
+    normal::{below, inside, norm},
+    odds::Odds,
+    wind::{
+        ALONG_PER_GUST_S, PLACE_PER_GUST_S2, TILT_PER_GUST, WindPush, beyond_aligned, wind_during_alignment,
+    },
 };
-use super::{MAX_MPS, MAX_TILT_RAD};
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
 /// Reaction time to unforeseen deck motion, s: 0.1 s to the thrust, 0.2 s to a change of the sink rate.

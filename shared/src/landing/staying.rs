@@ -33,11 +33,15 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
-use super::normal::{below, larger, norm};
-use super::wind::{ALONG_PER_GUST_S, PLACE_PER_GUST_S2, WindPush, beyond_aligned};
-use crate::estimation::moments;
-use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use crate::msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S};
+use super::{
+    normal::{below, larger, norm},
+    wind::{ALONG_PER_GUST_S, PLACE_PER_GUST_S2, WindPush, beyond_aligned},
+};
+use crate::{
+    estimation::moments,
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    msg::{DeckForecast, PREDICTED_SLOPE_STEP_S, SLOPE_STEP, SLOPE_WINDOW_S},
+};
 
 /// Wind acceleration of a standing drone as a fraction of that in flight: half, because turning rotors have
 /// as much drag as the body, and further reduced by the wind profile above water and deck.

@@ -235,9 +235,10 @@ impl Signatures {
 
 #[cfg(test)]
 mod tests {
-    use super::super::dialect::MavMessage;
-    use super::super::{Bytes, FrameReader, MavlinkSender, Outgoing, encode};
-    use super::*;
+    use super::{
+        super::{Bytes, FrameReader, MavlinkSender, Outgoing, dialect::MavMessage, encode},
+        *,
+    };
 
     const SENDER: MavlinkSender = MavlinkSender {
         system: 1,

@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
-use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, Motion, PITCH, ROLL, SURGE, SWAY};
+use crate::{
+    time::{Clock, Span, Time},
+    vessel_model::{DOFS, Motion, PITCH, ROLL, SURGE, SWAY},
+};
 
 use super::{MotionSample, SAMPLE_S};
 

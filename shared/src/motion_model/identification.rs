@@ -2,13 +2,17 @@
 
 use std::collections::VecDeque;
 
-use crate::time::Clock;
-use crate::vessel_model::{DOFS, Modes, PITCH, ROLL};
+use crate::{
+    time::Clock,
+    vessel_model::{DOFS, Modes, PITCH, ROLL},
+};
 
-use super::MotionSample;
-use super::errors::ForecastErrors;
-use super::regression::{self, PAST, REACH, Regression};
-use super::subspace::{Fit, FitProgress, Model};
+use super::{
+    MotionSample,
+    errors::ForecastErrors,
+    regression::{self, PAST, REACH, Regression},
+    subspace::{Fit, FitProgress, Model},
+};
 
 /// Gap between samples that empties the record, s: a regression needs an uninterrupted past.
 const MAX_GAP_S: f64 = 0.15;

@@ -24,9 +24,11 @@ mod identification;
 mod regression;
 mod subspace;
 
-use crate::msg::MAX_MODES;
-use crate::time::{Clock, Span, Time};
-use crate::vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL};
+use crate::{
+    msg::MAX_MODES,
+    time::{Clock, Span, Time},
+    vessel_model::{DOFS, HEAVE, Mode, Modes, Motion, PITCH, ROLL},
+};
 use nalgebra::Complex;
 
 pub use errors::MeasuredErrors;

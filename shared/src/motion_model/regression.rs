@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
-use crate::time::Clock;
-use crate::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
+use crate::{
+    time::Clock,
+    vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY},
+};
 use nalgebra::{DMatrix, DVector};
 
 use super::MotionSample;

@@ -1,13 +1,19 @@
 //! Subspace identification: modes from the regression's sums, computed in parts of less than two milliseconds each.
 
-use crate::msg::MAX_MODES;
-use crate::vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW};
-use faer::linalg::solvers::{Solve, SolveLstsq};
-use faer::{Mat, Side, c64};
+use crate::{
+    msg::MAX_MODES,
+    vessel_model::{DOFS, HEAVE, Mode, SURGE, SWAY, YAW},
+};
+use faer::{
+    Mat, Side, c64,
+    linalg::solvers::{Solve, SolveLstsq},
+};
 use nalgebra::{Complex, DVector};
 
-use super::SAMPLE_S;
-use super::regression::{AHEAD, CHANNELS, INPUTS, LAGS, OUTPUTS, Regression, STRIDE, channels_of};
+use super::{
+    SAMPLE_S,
+    regression::{AHEAD, CHANNELS, INPUTS, LAGS, OUTPUTS, Regression, STRIDE, channels_of},
+};
 
 const ORDER: usize = 24;
 /// Ridge of a full record, as a fraction of each input's variance.

@@ -6,9 +6,11 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::msg::{Header, Seq, UpdateReceiver, WaveMode, WaveModel, WaveSender};
-use crate::time::VesselClock;
-use crate::wire::encode;
+use crate::{
+    msg::{Header, Seq, UpdateReceiver, WaveMode, WaveModel, WaveSender},
+    time::VesselClock,
+    wire::encode,
+};
 
 /// Heave and tilt of waves (rad/s, m, rad, phase) at time `t`, ordered as a sample's value, and rates.
 fn waves(t: f64) -> ([f64; DOFS], [f64; 5]) {

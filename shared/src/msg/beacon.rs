@@ -6,8 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Header, within};
-use crate::geodesy::Datum;
-use crate::time::DroneClock;
+use crate::{geodesy::Datum, time::DroneClock};
 
 /// Minimum standard deviation of a beacon's position on each axis, m: that of a receiver without corrections.
 pub const MIN_BEACON_SD_M: f64 = 1.0;

@@ -6,8 +6,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{DeckDimensions, DeckMotion, Header, Line, MAX_DEVICES, Seq, Text};
-use crate::process::ProcessKind;
-use crate::time::{SteadyClock, VesselTime};
+use crate::{
+    process::ProcessKind,
+    time::{SteadyClock, VesselTime},
+};
 
 /// Maximum number of processes on one computer.
 pub const MAX_PROCESSES: usize = 16;

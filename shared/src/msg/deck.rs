@@ -4,13 +4,14 @@ use nalgebra::{Matrix3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::drone::is_unit;
 use super::{
     Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, Reason,
-    ReasonCode, RelativeState, SLOPE_WINDOWS, Seq, VesselLevel, deviations, positive, within,
+    ReasonCode, RelativeState, SLOPE_WINDOWS, Seq, VesselLevel, deviations, drone::is_unit, positive, within,
 };
-use crate::surroundings::Surroundings;
-use crate::time::{DroneClock, DroneTime, Span};
+use crate::{
+    surroundings::Surroundings,
+    time::{DroneClock, DroneTime, Span},
+};
 
 /// Number of stages of a deck forecast.
 pub const FORECAST_STAGES: usize = 41;

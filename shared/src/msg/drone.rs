@@ -8,9 +8,11 @@ use super::{
     FRACTION, Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS,
     Reason, Seq, deviations, within,
 };
-use crate::frames::wrap_angle;
-use crate::geodesy::Datum;
-use crate::time::{DroneClock, DroneTime, Span};
+use crate::{
+    frames::wrap_angle,
+    geodesy::Datum,
+    time::{DroneClock, DroneTime, Span},
+};
 
 /// Number of stages of a plan.
 pub const PLAN_STAGES: usize = 41;

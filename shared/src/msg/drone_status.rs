@@ -3,8 +3,10 @@
 use nalgebra::Vector2;
 
 use super::{AutopilotState, DroneStatus, Header, LandedState, MissionState, State};
-use crate::time::{DroneClock, DroneTime};
-use crate::topics;
+use crate::{
+    time::{DroneClock, DroneTime},
+    topics,
+};
 
 impl DroneStatus {
     /// Status at the time of `header` from the newest states of mission and autopilot. If the autopilot's

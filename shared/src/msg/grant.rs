@@ -164,10 +164,7 @@ message!(@C DeckGrant<C>, C, |m| {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::DeckGeometry;
-    use crate::msg::Message;
-    use crate::time::VesselClock;
-    use crate::{topics, wire};
+    use crate::{geometry::DeckGeometry, msg::Message, time::VesselClock, topics, wire};
 
     #[test]
     fn deck_of_other_dimensions() {

@@ -7,9 +7,7 @@ use super::{
     FRACTION, Header, LandedState, LandingMode, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_SPEED_MPS, deviations,
     within,
 };
-use crate::geodesy::Datum;
-use crate::mavlink::SigningTimes;
-use crate::time::DroneClock;
+use crate::{geodesy::Datum, mavlink::SigningTimes, time::DroneClock};
 
 /// Checkpoint of the autopilot link, with which a restarted process sends set-points before the autopilot's failsafe acts.
 ///

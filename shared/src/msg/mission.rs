@@ -10,9 +10,11 @@ use super::{
     Command, CommandKind, DeckForecast, DroneState, FRACTION, Header, KeptStation, LandedState,
     MAX_POSITION_M, MAX_SPEED_MPS, Phase, Reason, ReasonCode, State, Station, within,
 };
-use crate::geodesy::Datum;
-use crate::time::{DroneClock, DroneTime};
-use crate::topics;
+use crate::{
+    geodesy::Datum,
+    time::{DroneClock, DroneTime},
+    topics,
+};
 
 /// Landing place of a drone with a low battery.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, JsonSchema, Serialize, Deserialize)]

@@ -4,8 +4,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, Seq, positive, within};
-use crate::rtcm::MAX_FRAME_BYTES;
-use crate::time::{Clock, DroneClock, Time};
+use crate::{
+    rtcm::MAX_FRAME_BYTES,
+    time::{Clock, DroneClock, Time},
+};
 
 /// RTCM 3 frames of the vessel's receiver, unchanged. An epoch that fits into one message arrives whole or is lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]

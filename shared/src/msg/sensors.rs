@@ -4,8 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Header, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, positive, within};
-use crate::geodesy::Datum;
-use crate::time::VesselClock;
+use crate::{geodesy::Datum, time::VesselClock};
 
 /// Maximum number of sources of one kind of measurement on a vessel.
 pub const MAX_SOURCES: usize = 8;

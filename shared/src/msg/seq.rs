@@ -1,12 +1,13 @@
 //! Bounded list of plain data: of fixed size in shared memory, with a length check on the wire.
 
-use core::fmt;
-use core::ops::{Deref, DerefMut};
+use core::{
+    fmt,
+    ops::{Deref, DerefMut},
+};
 use std::borrow::Cow;
 
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
 /// At most `N` items of plain data, stored in place.
 #[derive(Clone, Copy)]

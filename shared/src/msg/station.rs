@@ -112,8 +112,10 @@ impl KeptStation {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{DroneStatus, Reason, ReasonCode};
-    use super::*;
+    use super::{
+        super::{DroneStatus, Reason, ReasonCode},
+        *,
+    };
 
     const ABEAM: Station = Station {
         ahead_m: 0,

@@ -37,17 +37,21 @@ use nalgebra::Complex;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::vessel::{
-    CourseAdvice, MAX_MODES, SLOPE_WINDOWS, VesselEstimate, WaveMode, WaveModel, are_modes, are_uncertainties,
-};
 use super::{
     Header, MAX_ACCELERATION_MPS2, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD,
-    Message as _, Seq, f16, within,
+    Message as _, Seq, f16,
+    vessel::{
+        CourseAdvice, MAX_MODES, SLOPE_WINDOWS, VesselEstimate, WaveMode, WaveModel, are_modes,
+        are_uncertainties,
+    },
+    within,
 };
-use crate::geodesy::Datum;
-use crate::schema::F16;
-use crate::time::{Clock, Span};
-use crate::wire::hash_record;
+use crate::{
+    geodesy::Datum,
+    schema::F16,
+    time::{Clock, Span},
+    wire::hash_record,
+};
 
 /// One in `REST_EVERY` estimates carries the slowly changing part.
 const REST_EVERY: u32 = 3;
@@ -357,9 +361,11 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::time::{Time, VesselClock};
-    use crate::vessel_model::Mode;
-    use crate::wire::{decode, encode};
+    use crate::{
+        time::{Time, VesselClock},
+        vessel_model::Mode,
+        wire::{decode, encode},
+    };
 
     fn header(sequence: u32, at_s: f64) -> Header<VesselClock> {
         Header::new(1, 0, 7, sequence, Time::from_secs(at_s))

@@ -2,9 +2,11 @@
 
 use std::sync::LazyLock;
 
-use crate::schema;
-use crate::topics::{self, Medium};
-use crate::wire::hash_record;
+use crate::{
+    schema,
+    topics::{self, Medium},
+    wire::hash_record,
+};
 
 /// Version of all radio messages, a hash of their names, fields, types and variants; a receiver rejects any other.
 pub fn message_version() -> u16 {

@@ -34,12 +34,14 @@ use serde::{Deserialize, Serialize};
 use super::{
     Header, MAX_ANGLE_RAD, MAX_POSITION_M, MAX_RATE_RPS, MAX_SPEED_MPS, MAX_TILT_RAD, Seq, f16, within,
 };
-use crate::frames::wrap_angle;
-use crate::geodesy::Datum;
-use crate::schema::F16;
-use crate::surroundings::Surroundings;
-use crate::time::{Clock, Time, VesselTime};
-use crate::vessel_model::{SURGE, SWAY, YAW};
+use crate::{
+    frames::wrap_angle,
+    geodesy::Datum,
+    schema::F16,
+    surroundings::Surroundings,
+    time::{Clock, Time, VesselTime},
+    vessel_model::{SURGE, SWAY, YAW},
+};
 
 /// Maximum number of modes in a wave model.
 pub const MAX_MODES: usize = 24;

@@ -2,8 +2,10 @@
 
 use nalgebra::DMatrix;
 
-use super::model::connected;
-use super::{Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel};
+use super::{
+    Component, DISTURBANCE, DOFS, ETA, HEAD, NU, PITCH, ROLL, SLOW, SURGE, SWAY, VesselModel,
+    model::connected,
+};
 use crate::estimation::{Gaussian, LinearTransition, Update};
 
 /// Additional state in a degree of freedom's block, e.g. a sensor bias.

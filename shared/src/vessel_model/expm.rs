@@ -1,7 +1,6 @@
 //! Matrix exponential and Van Loan's discretisation, using faer.
 
-use faer::Mat;
-use faer::linalg::solvers::Solve;
+use faer::{Mat, linalg::solvers::Solve};
 use nalgebra::DMatrix;
 
 /// `exp(A)` by scaling and squaring with the diagonal Padé approximant of order 6 (Golub and Van Loan 2013,

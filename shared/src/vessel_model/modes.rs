@@ -12,8 +12,10 @@
 use nalgebra::Complex;
 
 use super::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY};
-use crate::msg::{WaveMode, WaveModel, f16};
-use crate::time::{Clock, Time};
+use crate::{
+    msg::{WaveMode, WaveModel, f16},
+    time::{Clock, Time},
+};
 
 /// One mode, with its shape at the time of validity.
 #[derive(Clone, Copy, Debug, PartialEq)]

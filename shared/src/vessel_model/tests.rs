@@ -3,8 +3,10 @@
 use nalgebra::DMatrix;
 
 use super::*;
-use crate::config::{Check, Keys};
-use crate::estimation::Update;
+use crate::{
+    config::{Check, Keys},
+    estimation::Update,
+};
 
 fn waves() -> Vec<Component> {
     [1.26, 1.05, 1.5]

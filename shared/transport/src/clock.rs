@@ -2,8 +2,10 @@
 
 use rustix::time::{ClockId, clock_gettime};
 
-use alight_shared::config;
-use alight_shared::time::{Clock, Span, Time};
+use alight_shared::{
+    config,
+    time::{Clock, Span, Time},
+};
 
 /// The operating system's steady clock, ns: one for all processes of a computer. It is never set and keeps the rate of
 /// its quartz: a time service slews the other monotonic clock by up to 8 %, which would look like a delay of every source.

@@ -2,16 +2,18 @@
 //! the pixels in place, and the reader reads them there. The newest few are buffered; a slow reader loses the
 //! oldest. An image causes no wake-up: its reader polls.
 
-use iceoryx2::node::Node;
-use iceoryx2::port::publisher::Publisher as IoxPublisher;
-use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
-use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _, ZeroCopySend};
-use iceoryx2::sample::Sample;
-use iceoryx2::service::builder::publish_subscribe;
-use iceoryx2::service::port_factory;
+use iceoryx2::{
+    node::Node,
+    port::{publisher::Publisher as IoxPublisher, subscriber::Subscriber as IoxSubscriber},
+    prelude::{BackpressureStrategy, PortFactory as _, ZeroCopySend},
+    sample::Sample,
+    service::{builder::publish_subscribe, port_factory},
+};
 
-use crate::instance::{Ipc, service_name};
-use crate::{TransportContext, TransportError};
+use crate::{
+    TransportContext, TransportError,
+    instance::{Ipc, service_name},
+};
 
 const BUFFER: usize = 2;
 /// Number of images held by a reader: the present one and its successor.

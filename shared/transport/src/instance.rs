@@ -1,7 +1,6 @@
 //! Instance: set of processes on one computer, with the names of its services.
 
-use std::fs;
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
 
 use iceoryx2::prelude::*;
 

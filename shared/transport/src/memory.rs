@@ -4,31 +4,42 @@
 //! The creator of a service determines its settings, and may leave it unusable if it dies. Therefore one
 //! process, the supervisor, creates all services ([`Services::create`]), and the others only open them.
 
-use std::fs;
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
-use std::time::Duration;
+use std::{
+    fs,
+    os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd},
+    time::Duration,
+};
 
-use iceoryx2::node::Node as IoxNode;
-use iceoryx2::port::listener::Listener as IoxListener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher as IoxPublisher;
-use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
-use iceoryx2::prelude::*;
-use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::{
+    node::Node as IoxNode,
+    port::{
+        listener::Listener as IoxListener, notifier::Notifier, publisher::Publisher as IoxPublisher,
+        subscriber::Subscriber as IoxSubscriber,
+    },
+    prelude::*,
+    service::{
+        attribute::{AttributeKey, AttributeValue},
+        builder::publish_subscribe::PublishSubscribeOpenError,
+        port_factory::{event, publish_subscribe},
+    },
+};
 use iceoryx2_bb_posix::file_descriptor::FileDescriptorBased;
 
-use crate::images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic};
 pub use crate::instance::Instance;
-use crate::instance::{Ipc, service_name};
-use crate::signal::end_requested;
-use crate::statistics::InputStatistics;
-use crate::{TransportContext, TransportError, warnings};
-use alight_shared::bus::{self, Bus};
-use alight_shared::plain::{self, Plain};
-use alight_shared::process::InputState;
-use alight_shared::topics::{self, Topic};
+use crate::{
+    TransportContext, TransportError,
+    images::{ImagePublisher, ImageServices, ImageSubscriber, ImageTopic},
+    instance::{Ipc, service_name},
+    signal::end_requested,
+    statistics::InputStatistics,
+    warnings,
+};
+use alight_shared::{
+    bus::{self, Bus},
+    plain::{self, Plain},
+    process::InputState,
+    topics::{self, Topic},
+};
 
 /// Maximum number of publishers per topic: any process may publish its state, and a killed one occupies its
 /// port until it is cleaned up.
@@ -353,9 +364,11 @@ impl<M: Plain> bus::Writer<M> for Publisher<M> {
 mod tests {
     use super::*;
     use crate::images::ImageHeader;
-    use alight_shared::msg::{Header, RangeSample, SetPoint};
-    use alight_shared::time::{DroneClock, Time};
-    use alight_shared::topics::Medium;
+    use alight_shared::{
+        msg::{Header, RangeSample, SetPoint},
+        time::{DroneClock, Time},
+        topics::Medium,
+    };
 
     fn at(sequence: u32) -> Header<DroneClock> {
         Header::new(

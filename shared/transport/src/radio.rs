@@ -14,33 +14,42 @@ mod inbox;
 mod presence;
 mod publication;
 
-use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
-use std::sync::{Arc, atomic::AtomicBool, atomic::AtomicU64, atomic::Ordering};
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+        mpsc::{Receiver, TryRecvError, sync_channel},
+    },
+    time::Duration,
+};
 
 use tracing::warn;
-use zenoh::Wait;
-use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Reliability};
-use zenoh::query::{Querier, Queryable};
-use zenoh::sample::Sample;
+use zenoh::{
+    Wait,
+    liveliness::LivelinessToken,
+    pubsub::Publisher,
+    qos::{CongestionControl, Reliability},
+    query::{Querier, Queryable},
+    sample::Sample,
+};
 
-use crate::clock::steady_ns;
-use crate::observe::{ReceiveChannel, receive_channel};
-use crate::radio::attempts::Attempts;
-use crate::radio::config::ZenohFile;
-pub use crate::radio::config::{RadioConfig, TlsConfig, zenoh_text};
-use crate::radio::inbox::Inbox;
-use crate::radio::presence::Present;
-pub use crate::radio::publication::Publication;
-use crate::radio::publication::priority;
-use crate::rejections::{self, PlaintextAttempts};
-use crate::{Received, TransportError};
-use alight_shared::admission::Sender;
-use alight_shared::config::{Check, Keys};
+pub use crate::radio::{
+    config::{RadioConfig, TlsConfig, zenoh_text},
+    publication::Publication,
+};
+use crate::{
+    Received, TransportError,
+    clock::steady_ns,
+    observe::{ReceiveChannel, receive_channel},
+    radio::{attempts::Attempts, config::ZenohFile, inbox::Inbox, presence::Present, publication::priority},
+    rejections::{self, PlaintextAttempts},
+};
 pub use alight_shared::radio::Urgency;
-use alight_shared::wire::MAX_WIRE_BYTES;
+use alight_shared::{
+    admission::Sender,
+    config::{Check, Keys},
+    wire::MAX_WIRE_BYTES,
+};
 
 /// Timeout for a publisher's reply; broadcasts arrive in the meantime.
 const ASK_TIMEOUT: Duration = Duration::from_secs(2);

@@ -1,12 +1,13 @@
 //! Descriptors awaited by tokio: shared-memory ports, sockets and serial lines together.
 
-use std::fs::File;
-use std::io;
-use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::os::fd::AsRawFd;
+use std::{
+    fs::File,
+    io,
+    net::{TcpListener, TcpStream, UdpSocket},
+    os::fd::AsRawFd,
+};
 
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
+use tokio::io::{Interest, unix::AsyncFd};
 
 use super::memory::Listener;
 

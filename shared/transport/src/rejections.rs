@@ -11,21 +11,25 @@
 //!
 //! The log texts are those of the zenoh version in use; `deploy/tests/live/access.rs` fails if they change.
 
-use std::cell::Cell;
-use std::fmt::{Debug, Write};
-use std::net::TcpListener;
-use std::sync::{Mutex, Once, PoisonError};
+use std::{
+    cell::Cell,
+    fmt::{Debug, Write},
+    net::TcpListener,
+    sync::{Mutex, Once, PoisonError},
+};
 
 use alight_shared::admission::AccessRejection;
-use tracing::field::{Field, Visit};
-use tracing::{Event, Metadata, Subscriber};
-use tracing_subscriber::Layer;
-use tracing_subscriber::filter::filter_fn;
-use tracing_subscriber::layer::{Context, SubscriberExt};
-use tracing_subscriber::registry::LookupSpan;
-use zenoh::Wait;
-use zenoh::sample::SampleKind;
-use zenoh::session::LinkEvent;
+use tracing::{
+    Event, Metadata, Subscriber,
+    field::{Field, Visit},
+};
+use tracing_subscriber::{
+    Layer,
+    filter::filter_fn,
+    layer::{Context, SubscriberExt},
+    registry::LookupSpan,
+};
+use zenoh::{Wait, sample::SampleKind, session::LinkEvent};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct AccessRejections {

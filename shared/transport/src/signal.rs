@@ -1,10 +1,14 @@
 //! Termination signals, and signals sent by fault tests.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, LazyLock};
+use std::sync::{
+    Arc, LazyLock,
+    atomic::{AtomicBool, Ordering},
+};
 
-use iceoryx2_bb_posix::process::{Process, ProcessId};
-use iceoryx2_bb_posix::signal::{Signal as OsSignal, SignalHandler};
+use iceoryx2_bb_posix::{
+    process::{Process, ProcessId},
+    signal::{Signal as OsSignal, SignalHandler},
+};
 use signal_hook::consts::{SIGINT, SIGTERM};
 
 use crate::TransportError;
@@ -55,10 +59,8 @@ pub fn signal(pid: u32, signal: Signal) -> Result<(), TransportError> {
 mod tests {
     use super::*;
     use crate::memory::{Instance, Memory, Services};
-    use signal_hook::consts::SIGCONT;
-    use signal_hook::low_level::raise;
-    use std::process::Command;
-    use std::time::Duration;
+    use signal_hook::{consts::SIGCONT, low_level::raise};
+    use std::{process::Command, time::Duration};
 
     const ASKED: &str = "ALIGHT_TEST_END";
 

@@ -1,8 +1,6 @@
 use hdrhistogram::Histogram;
 
-use alight_shared::bus::ReadCounts;
-use alight_shared::process::InputState;
-use alight_shared::topics::Topic;
+use alight_shared::{bus::ReadCounts, process::InputState, topics::Topic};
 
 #[derive(Clone, Debug)]
 pub struct InputStatistics {

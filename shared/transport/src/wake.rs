@@ -4,11 +4,13 @@ use std::time::Duration;
 
 use iceoryx2::prelude::*;
 
-use crate::clock::steady_ns;
-use crate::instance::Ipc;
-use crate::memory::{Instance, Listener, Memory};
 pub use crate::signal::end_requested;
-use crate::{TransportContext, TransportError};
+use crate::{
+    TransportContext, TransportError,
+    clock::steady_ns,
+    instance::Ipc,
+    memory::{Instance, Listener, Memory},
+};
 use alight_shared::plain::Plain;
 
 /// Calls `step` when one of `listeners` wakes, and at least every `timeout`, until it returns false or the

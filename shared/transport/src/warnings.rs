@@ -1,7 +1,9 @@
 //! Warnings and errors of iceoryx2: all are counted, few logged, because each message may cause one.
 
-use std::fmt::Arguments;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::{
+    fmt::Arguments,
+    sync::atomic::{AtomicU64, Ordering},
+};
 
 use iceoryx2::prelude::{LogLevel, set_log_level, set_logger};
 use iceoryx2_log::Log;

@@ -2,8 +2,10 @@
 //! answers with `HIL_ACTUATOR_CONTROLS` and waits for the next sample (lock-step). IMU_GYRO_RATEMAX determines whether
 //! PX4 runs its rate loop and answers at every sample, at every second or at every third.
 
-use alight_uav::autopilot::message::{Address, MavMessage, MavModeFlag, MavlinkMessage, wide};
-use alight_uav::autopilot::wire::{Decoder, Encoder};
+use alight_uav::autopilot::{
+    message::{Address, MavMessage, MavModeFlag, MavlinkMessage, wide},
+    wire::{Decoder, Encoder},
+};
 
 use super::{FirmwareConfig, FirmwareSensors, motors};
 use crate::physics::drone::{MAX_ROTORS, PlantState};

@@ -1,15 +1,21 @@
 //! Inertial sensors, magnetometer, barometer and GNSS that feed a firmware.
 
-use alight_shared::frames::{TrueNed, Vector};
-use alight_shared::geodesy::Datum;
-use alight_shared::time::WorldTime;
+use alight_shared::{
+    frames::{TrueNed, Vector},
+    geodesy::Datum,
+    time::WorldTime,
+};
 use alight_uav::autopilot::message::{HilGps, HilSensor};
 use nalgebra::Vector3;
 
 use super::FirmwareConfig;
-use crate::physics::drone::noise::{GaussMarkov, normal};
-use crate::physics::drone::{NavigationConfig, PlantState};
-use crate::physics::streams::{Stream, Streams};
+use crate::physics::{
+    drone::{
+        NavigationConfig, PlantState,
+        noise::{GaussMarkov, normal},
+    },
+    streams::{Stream, Streams},
+};
 
 /// Sampling rate to which the configured inertial noise refers, Hz.
 const PER_HZ: f64 = 100.0;

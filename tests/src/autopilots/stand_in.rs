@@ -1,12 +1,13 @@
 //! The firmware's side of both protocols (encoding and decoding), for programs that replace a firmware.
 
-use alight_shared::frames::TrueNed;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA;
-use alight_shared::time::Time;
-use alight_uav::autopilot::message::{Address, HilGps, HilSensor, MavMessage, MavModeFlag};
-use alight_uav::autopilot::wire::Encoder;
+use alight_shared::{
+    frames::TrueNed, geodesy::Datum, geometry::GRAVITY, mavlink::dialect::HIL_ACTUATOR_CONTROLS_DATA,
+    time::Time,
+};
+use alight_uav::autopilot::{
+    message::{Address, HilGps, HilSensor, MavMessage, MavModeFlag},
+    wire::Encoder,
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use crate::physics::drone::{MAX_ROTORS, PlantState};

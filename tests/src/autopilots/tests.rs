@@ -1,17 +1,21 @@
 //! A stand-in for a firmware uses both protocols to take off from the pad, hover, and land on the deck.
 
 use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_uav::autopilot::message::MavlinkMessage;
-use alight_uav::autopilot::wire::Decoder;
+use alight_uav::autopilot::{message::MavlinkMessage, wire::Decoder};
 use nalgebra::{UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
-use super::px4::Px4Plant;
-use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, stand_in};
-use crate::harness::physics::{Physics, TICK};
-use crate::harness::scenario::Scenario;
-use crate::physics::drone::{MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
-use crate::physics::sea::SeaConfig;
+use super::{FirmwareConfig, FirmwareSensors, ardupilot, motors, px4::Px4Plant, stand_in};
+use crate::{
+    harness::{
+        physics::{Physics, TICK},
+        scenario::Scenario,
+    },
+    physics::{
+        drone::{MAX_ROTORS, NavigationConfig, PlantState, RotorFrame},
+        sea::SeaConfig,
+    },
+};
 
 const EXCHANGES_PER_TICK: u32 = 4;
 const RATE_HZ: f64 = 400.0;

@@ -19,8 +19,7 @@ pub mod settings;
 mod tests;
 
 use alight_shared::geometry::DroneGeometry;
-use alight_uav::planner::PlannerConfig;
-use alight_uav::planner::law::Law;
+use alight_uav::planner::{PlannerConfig, law::Law};
 use serde::{Deserialize, Serialize};
 
 use mpc_ne::MpcNe;

@@ -2,8 +2,10 @@
 //! plus undamped oscillators. A Fourier transform of the tag's pose gives their frequencies, and a linear
 //! Kalman filter tracks them. Surge and sway have no modes: the position drifts.
 
-use alight_shared::msg::DeckStage;
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    msg::DeckStage,
+    time::{DroneTime, Span},
+};
 use nalgebra::{SMatrix, SVector};
 use std::collections::VecDeque;
 

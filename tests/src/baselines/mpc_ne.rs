@@ -21,20 +21,24 @@
 //! the last 0.7 to 1.5 s, during which the position is extrapolated with the last sway velocity, which differs from the
 //! deck's by up to 1 m/s. The common planner flies the approach to the vessel.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{
-    DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage, Solve, State as Mode,
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::{DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage, Solve, State as Mode},
+    time::{DroneTime, Span},
 };
-use alight_shared::time::{DroneTime, Span};
-use alight_uav::planner::config::Reset;
-use alight_uav::planner::law::Law;
-use alight_uav::planner::model::{ModelState, measured_state, tilt_of};
-use alight_uav::planner::reference::PlanReference;
+use alight_uav::planner::{
+    config::Reset,
+    law::Law,
+    model::{ModelState, measured_state, tilt_of},
+    reference::PlanReference,
+};
 use nalgebra::Vector3;
 
-use super::jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES};
-use super::modes::{Predicted, SpectralModes};
+use super::{
+    jerk::{AxisProblem, Barrier, JerkAxis, PerStage, STAGES},
+    modes::{Predicted, SpectralModes},
+};
 
 /// S, horizontal: weights of position (1/m²) and velocity (s²/m²); soft limits of speed (relative to the
 /// deck), acceleration, jerk.

@@ -1,13 +1,12 @@
 //! Planners and predictors supplied by the caller, who constructs one for each start.
 
-use std::fmt;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::{
+    fmt,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
 
-use alight_shared::msg::DeckForecast;
-use alight_shared::time::Span;
-use alight_uav::planner::law::Law;
-use alight_uav::predictor::PredictorIn;
-use alight_uav::settings::DroneSettings;
+use alight_shared::{msg::DeckForecast, time::Span};
+use alight_uav::{planner::law::Law, predictor::PredictorIn, settings::DroneSettings};
 
 #[derive(Clone, Debug, Default)]
 pub struct OwnReport(Arc<Mutex<Reported>>);

@@ -1,9 +1,7 @@
 //! Settings of a baseline outside the planner: the predictor's sources, and mission parameters that assume
 //! Alight's planner. All other settings are common.
 
-use alight_uav::mission::MissionConfig;
-use alight_uav::planner::PlannerKind;
-use alight_uav::predictor::PredictorConfig;
+use alight_uav::{mission::MissionConfig, planner::PlannerKind, predictor::PredictorConfig};
 
 use super::Baseline;
 

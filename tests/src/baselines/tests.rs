@@ -1,16 +1,17 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use alight_shared::config::{Check, Keys};
-use alight_shared::msg::{DeckForecast, DeckStage, Header, MissionState, State};
-use alight_shared::time::{DroneTime, Span, Time};
-use alight_uav::mission::MissionConfig;
-use alight_uav::planner::PlannerKind;
-use alight_uav::planner::model::ModelState as Start;
-use alight_uav::planner::reference::PlanReference;
-use alight_uav::predictor::PredictorConfig;
+use alight_shared::{
+    config::{Check, Keys},
+    msg::{DeckForecast, DeckStage, Header, MissionState, State},
+    time::{DroneTime, Span, Time},
+};
+use alight_uav::{
+    mission::MissionConfig,
+    planner::{PlannerKind, model::ModelState as Start, reference::PlanReference},
+    predictor::PredictorConfig,
+};
 
-use super::modes::SpectralModes;
-use super::*;
+use super::{modes::SpectralModes, *};
 
 fn at(t: f64) -> DroneTime {
     Time::from_secs(t)

@@ -7,8 +7,10 @@ use std::path::Path;
 use alight_shared::frames::wrap_angle;
 use plotters::prelude::*;
 
-use crate::harness::outcome::Outcome;
-use crate::harness::trace::{Trace, TracePoint};
+use crate::harness::{
+    outcome::Outcome,
+    trace::{Trace, TracePoint},
+};
 
 use super::{Area, Axes, Drawn, Line, MARK, colour, lines, range_of};
 

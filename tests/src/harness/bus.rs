@@ -3,15 +3,21 @@
 //!
 //! A [`Wrapper`] between a row and the bus changes messages to simulate a fault, or a defect that a storm must detect.
 
-use core::any::{Any, TypeId};
-use core::cell::RefCell;
-use core::convert::Infallible;
-use std::collections::{BTreeMap, VecDeque};
-use std::rc::Rc;
+use core::{
+    any::{Any, TypeId},
+    cell::RefCell,
+    convert::Infallible,
+};
+use std::{
+    collections::{BTreeMap, VecDeque},
+    rc::Rc,
+};
 
-use alight_shared::bus::{self, Bus, ReadCounts, Reader, Writer};
-use alight_shared::plain::Plain;
-use alight_shared::process::{InputState, ProcessKind};
+use alight_shared::{
+    bus::{self, Bus, ReadCounts, Reader, Writer},
+    plain::Plain,
+    process::{InputState, ProcessKind},
+};
 
 struct Ring<M> {
     sent: u64,

@@ -1,16 +1,21 @@
 //! The drone's cameras in lock-step, at the edge of its rows: images are rendered and delivered after a delay.
 
 use alight_shared::time::{Span, WorldTime};
-use alight_uav::camera::metering::{Exposed, Light, Metering, Setting};
-use alight_uav::camera::{CameraFrame, CameraIn, CameraSettings, GreyImage};
+use alight_uav::camera::{
+    CameraFrame, CameraIn, CameraSettings, GreyImage,
+    metering::{Exposed, Light, Metering, Setting},
+};
 
-use crate::harness::scenario::Scenario;
-use crate::physics::streams::Streams;
-use crate::sensors::camera::CameraMount;
-use crate::sensors::delay::DelayLine;
-use crate::sensors::night::NightConfig;
-use crate::sensors::render::ultraviolet::Ultraviolet;
-use crate::sensors::render::{Renderer, Shot};
+use crate::{
+    harness::scenario::Scenario,
+    physics::streams::Streams,
+    sensors::{
+        camera::CameraMount,
+        delay::DelayLine,
+        night::NightConfig,
+        render::{Renderer, Shot, ultraviolet::Ultraviolet},
+    },
+};
 
 const MAX_UNDER_WAY: usize = 256;
 

@@ -4,39 +4,43 @@
 mod steps;
 
 use core::cell::Cell;
-use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::{collections::BTreeMap, rc::Rc};
 
-use super::bus::{LockStep, LockStepSender};
-use super::cameras::SimulatedCameras;
-use super::failing::{Failing, Spoiled, spoil_sensors};
-use super::foresight::Foresight;
-use super::link::{Checkpoints, LinkedAutopilot};
-use super::mutant::Mutant;
-use super::observer::WorldObserver;
-use super::physics::{DRONE_ID, Physics};
-use super::scenario::{NodeConfigs, Scenario};
-use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::baselines::own::{OwnReport, Predict};
-use crate::radio::{ChannelCounts, Session};
-use crate::sensors::bytes::boat::RECEIVER;
-use crate::sensors::delay::DelayLine;
-use crate::sensors::noise::Noise;
-use alight_bridge::{BridgeConfig, Packet};
-use alight_shared::bus::{Reader as _, Row, Wired, Writer as _, readers};
-use alight_shared::checkpoint::{CheckpointStore, Republisher};
-use alight_shared::msg::{
-    AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, DroneStatus, EstimateUpdate,
-    Header, MissionState, Plan, SetPoint, TagPose, TimeRequest, UvdarFix, still_armed_s,
+use super::{
+    bus::{LockStep, LockStepSender},
+    cameras::SimulatedCameras,
+    failing::{Failing, Spoiled, spoil_sensors},
+    foresight::Foresight,
+    link::{Checkpoints, LinkedAutopilot},
+    mutant::Mutant,
+    observer::WorldObserver,
+    physics::{DRONE_ID, Physics},
+    scenario::{NodeConfigs, Scenario},
 };
-use alight_shared::process::ProcessKind;
-use alight_shared::radio::RadioTopic;
-use alight_shared::time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, WorldTime};
-use alight_shared::wire;
-use alight_uav::autopilot::AutopilotLink;
-use alight_uav::autopilot::receiver::ReceiverDecoder;
-use alight_uav::computer::{DroneNodes, DroneRows, Installed, PROCESSES};
-use alight_uav::mission::MissionConfig;
+use crate::{
+    autopilots::simulated::SimulatedAutopilot,
+    baselines::own::{OwnReport, Predict},
+    radio::{ChannelCounts, Session},
+    sensors::{bytes::boat::RECEIVER, delay::DelayLine, noise::Noise},
+};
+use alight_bridge::{BridgeConfig, Packet};
+use alight_shared::{
+    bus::{Reader as _, Row, Wired, Writer as _, readers},
+    checkpoint::{CheckpointStore, Republisher},
+    msg::{
+        AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, DroneStatus,
+        EstimateUpdate, Header, MissionState, Plan, SetPoint, TagPose, TimeRequest, UvdarFix, still_armed_s,
+    },
+    process::ProcessKind,
+    radio::RadioTopic,
+    time::{DroneClock, DroneTime, Span, Stamped, Time, VesselClock, WorldTime},
+    wire,
+};
+use alight_uav::{
+    autopilot::{AutopilotLink, receiver::ReceiverDecoder},
+    computer::{DroneNodes, DroneRows, Installed, PROCESSES},
+    mission::MissionConfig,
+};
 
 const MAX_PLANS: usize = 64;
 /// Maximum number of packets that wait for a frozen bridge.

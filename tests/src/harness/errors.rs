@@ -1,8 +1,10 @@
 //! Errors of the estimates on which a drone lands, with their stated standard deviations.
 
-use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
-use alight_shared::msg::{DeckForecast, DroneState, VesselEstimate};
-use alight_shared::time::{DroneTime, VesselClock};
+use alight_shared::{
+    frames::{Deck, DroneBody, VesselBody, wrap_angle},
+    msg::{DeckForecast, DroneState, VesselEstimate},
+    time::{DroneTime, VesselClock},
+};
 
 use super::foresight::{OdometryError, stage_of};
 use crate::physics::body::RigidState;

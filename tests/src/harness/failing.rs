@@ -4,24 +4,26 @@
 use core::cell::RefCell;
 use std::rc::Rc;
 
-use alight_shared::bus::Reader as _;
-use alight_shared::frames::body_from_camera;
-use alight_shared::msg::{
-    DroneState, GnssFix, Header, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix,
+use alight_shared::{
+    bus::Reader as _,
+    frames::body_from_camera,
+    msg::{DroneState, GnssFix, Header, HeadingFix, ImuSample, LandedState, RangeSample, TagPose, UvdarFix},
+    plain::Plain,
+    process::ProcessKind::{self, Camera, Uvdar},
+    time::{DroneClock, Span},
 };
-use alight_shared::plain::Plain;
-use alight_shared::process::ProcessKind::{self, Camera, Uvdar};
-use alight_shared::time::{DroneClock, Span};
 use alight_uav::autopilot::message::MavResult;
 use alight_usv::sensors::Readings;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::bus::{BusSide, LockStep};
-use super::mutant::Mutant;
-use crate::autopilots::simulated::FailsafeConditions;
-use crate::physics::drone::MAX_ROTORS;
-use crate::radio::ChannelFault;
-use crate::sensors::moving_base::MovingBaseFaults;
+use super::{
+    bus::{BusSide, LockStep},
+    mutant::Mutant,
+};
+use crate::{
+    autopilots::simulated::FailsafeConditions, physics::drone::MAX_ROTORS, radio::ChannelFault,
+    sensors::moving_base::MovingBaseFaults,
+};
 
 /// Active faults of the first drone, the vessel and their radio; none by default.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -14,18 +14,25 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::{Deck, DroneBody, body_rates, euler_rates, wrap_angle};
-use alight_shared::motion_model::FADE_S;
-use alight_shared::msg::{DeckForecast, DeckStage, DroneState, FORECAST_STAGES};
-use alight_shared::time::{DroneTime, WorldTime};
+use alight_shared::{
+    frames::{Deck, DroneBody, body_rates, euler_rates, wrap_angle},
+    motion_model::FADE_S,
+    msg::{DeckForecast, DeckStage, DroneState, FORECAST_STAGES},
+    time::{DroneTime, WorldTime},
+};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::physics::{Physics, TICK};
-use super::scenario::foresight::{Dof, ForesightConfig, TruePart};
-use super::scenario::{Scenario, SetupError};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
-use crate::sensors::clocks::ClockModel;
+use super::{
+    physics::{Physics, TICK},
+    scenario::{
+        Scenario, SetupError,
+        foresight::{Dof, ForesightConfig, TruePart},
+    },
+};
+use crate::{
+    physics::{body::RigidState, streams::Streams},
+    sensors::clocks::ClockModel,
+};
 
 /// Horizon of the true motion of [`TruePart::Contact`], s.
 const CONTACT_S: f64 = 0.5;

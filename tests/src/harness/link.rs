@@ -3,18 +3,26 @@
 use std::collections::VecDeque;
 
 use alight_shared::time::{Span, WorldTime};
-use alight_uav::autopilot::AutopilotOut;
-use alight_uav::autopilot::message::{Address, MavCmd, MavMessage, MavlinkFrame, MavlinkMessage};
-use alight_uav::autopilot::wire::{Decoder, Encoder};
+use alight_uav::autopilot::{
+    AutopilotOut,
+    message::{Address, MavCmd, MavMessage, MavlinkFrame, MavlinkMessage},
+    wire::{Decoder, Encoder},
+};
 
 use nalgebra::Vector3;
 
-use super::failing::{Failing, weakened};
-use super::physics::TICK;
-use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState};
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use super::{
+    failing::{Failing, weakened},
+    physics::TICK,
+};
+use crate::{
+    autopilots::simulated::SimulatedAutopilot,
+    physics::{
+        drone::{AutopilotConfig, MAX_ROTORS, PlantState},
+        streams::Streams,
+    },
+    sensors::noise::Noise,
+};
 
 /// Checkpoints of a crashed process, for its successor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

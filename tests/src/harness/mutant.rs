@@ -4,14 +4,16 @@
 use core::cell::Cell;
 use std::rc::Rc;
 
-use alight_shared::bus::Reader as _;
-use alight_shared::msg::{
-    AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, MissionCheckpoint,
-    MissionState, Motors, RangeSample, SetPoint, State, VesselEstimate, VesselPrediction,
+use alight_shared::{
+    bus::Reader as _,
+    msg::{
+        AutopilotState, Command, CommandKind, DeckForecast, DeckGrant, DroneState, MissionCheckpoint,
+        MissionState, Motors, RangeSample, SetPoint, State, VesselEstimate, VesselPrediction,
+    },
+    plain::Plain,
+    process::ProcessKind::{self, Autopilot, Bridge, Mission, Pilot},
+    time::{DroneClock, DroneTime, Span, Time},
 };
-use alight_shared::plain::Plain;
-use alight_shared::process::ProcessKind::{self, Autopilot, Bridge, Mission, Pilot};
-use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use alight_uav::computer::PROCESSES;
 use serde::Serialize;
 

@@ -1,8 +1,10 @@
 //! Observer of the world: receives the truth and the rows' steps, and changes nothing.
 
-use alight_shared::frames::{DroneBody, VesselBody};
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
+use alight_shared::{
+    frames::{DroneBody, VesselBody},
+    step::Step,
+    time::WorldTime,
+};
 use nalgebra::Vector3;
 
 use crate::physics::body::RigidState;

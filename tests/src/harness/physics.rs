@@ -8,33 +8,41 @@ mod neighbour;
 
 use core::f64::consts::TAU;
 
-use alight_shared::config::{Check, Keys};
-use alight_shared::frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{Header, MissionState, Seq, State};
-use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
-use alight_shared::time::{DroneClock, DroneTime, Span, Time, VesselTime, WorldTime};
+use alight_shared::{
+    config::{Check, Keys},
+    frames::{Deck, DroneBody, TrueNed, Vector, VesselBody, wrap_angle},
+    geodesy::Datum,
+    msg::{Header, MissionState, Seq, State},
+    surroundings::{KeepOut, MAX_KEEP_OUT},
+    time::{DroneClock, DroneTime, Span, Time, VesselTime, WorldTime},
+};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
 use self::neighbour::Neighbour;
-use super::outcome::{ContactEvent, TrialObservation};
-use super::scenario::{Scenario, SetupError};
-use super::trace::TracePoint;
-use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::physics::body::RigidState;
-use crate::physics::deck_motion::DeckCarrier;
-use crate::physics::drone::{
-    AutopilotConfig, DroneStart, MAX_ROTORS, Part, PlantState, SimulatedDrone, wind_to_deg,
+use super::{
+    outcome::{ContactEvent, TrialObservation},
+    scenario::{Scenario, SetupError},
+    trace::TracePoint,
 };
-use crate::physics::sea::Sea;
-use crate::physics::streams::Streams;
-use crate::physics::vessel::response::{HullFiles, ResponseVessel};
-use crate::sensors::clocks::{ClockModel, Clocks};
-use crate::sensors::moving_base::MovingBaseFaults;
-use crate::sensors::noise::Noise;
-use crate::sensors::outlet::SenderIdentity;
-use crate::sensors::{DroneReadings, DroneSensors, VesselSensors};
+use crate::{
+    autopilots::simulated::SimulatedAutopilot,
+    physics::{
+        body::RigidState,
+        deck_motion::DeckCarrier,
+        drone::{AutopilotConfig, DroneStart, MAX_ROTORS, Part, PlantState, SimulatedDrone, wind_to_deg},
+        sea::Sea,
+        streams::Streams,
+        vessel::response::{HullFiles, ResponseVessel},
+    },
+    sensors::{
+        DroneReadings, DroneSensors, VesselSensors,
+        clocks::{ClockModel, Clocks},
+        moving_base::MovingBaseFaults,
+        noise::Noise,
+        outlet::SenderIdentity,
+    },
+};
 
 pub const TICK: Span = Span::from_millis(10);
 pub const VESSEL_ID: u32 = 1;

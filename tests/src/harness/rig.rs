@@ -2,12 +2,14 @@
 
 use alight_shared::msg::{CommandKind, MissionState, State};
 
-use super::failing::Failing;
-use super::observer::{NoObserver, WorldObserver};
-use super::physics::TICK;
-use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::storm::{Effect, Fault, FaultKind};
-use super::world::World;
+use super::{
+    failing::Failing,
+    observer::{NoObserver, WorldObserver},
+    physics::TICK,
+    scenario::{NodeConfigs, Scenario, SetupError},
+    storm::{Effect, Fault, FaultKind},
+    world::World,
+};
 use crate::autopilots::simulated::SimulatedAutopilot;
 
 pub struct Rig {

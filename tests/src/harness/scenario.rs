@@ -4,31 +4,41 @@ pub mod draws;
 pub mod foresight;
 
 use alight_bridge::BridgeConfig;
-use alight_shared::config;
-use alight_shared::config::ConfigError;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::surroundings::SurroundingsConfig;
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::planner::{Planner, PlannerKind};
-use alight_uav::settings::DroneSettings;
+use alight_shared::{
+    config,
+    config::ConfigError,
+    geodesy::Datum,
+    geometry::{DeckGeometry, DroneGeometry},
+    surroundings::SurroundingsConfig,
+};
+use alight_uav::{
+    autopilot::AutopilotLinkConfig,
+    planner::{Planner, PlannerKind},
+    settings::DroneSettings,
+};
 use alight_usv::{DeckConfig, VesselNodeConfig};
 use thiserror::Error;
 
-use self::draws::DrawConfig;
-use self::foresight::ForesightConfig;
+use self::{draws::DrawConfig, foresight::ForesightConfig};
 use super::storm::fault::Fault;
-use crate::baselines::Baseline;
-use crate::baselines::own::{OwnLaw, OwnPredictor, OwnReport};
-use crate::physics::deck_motion::{DeckMotionConfig, DeckMotionError};
-use crate::physics::drone::DroneConfig;
-use crate::physics::sea::SeaConfig;
-use crate::physics::streams::Streams;
-use crate::physics::vessel::VesselConfig;
-use crate::physics::vessel::response::{HullConfig, HullError, HullFiles};
-use crate::radio::SimulatedRadioConfig;
-use crate::sensors::SensorConfig;
-use crate::sensors::noise::Noise;
+use crate::{
+    baselines::{
+        Baseline,
+        own::{OwnLaw, OwnPredictor, OwnReport},
+    },
+    physics::{
+        deck_motion::{DeckMotionConfig, DeckMotionError},
+        drone::DroneConfig,
+        sea::SeaConfig,
+        streams::Streams,
+        vessel::{
+            VesselConfig,
+            response::{HullConfig, HullError, HullFiles},
+        },
+    },
+    radio::SimulatedRadioConfig,
+    sensors::{SensorConfig, noise::Noise},
+};
 
 config! {
     /// Initial state of a drone relative to the vessel.

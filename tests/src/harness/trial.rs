@@ -1,16 +1,20 @@
 //! One landing: from a scenario, the nodes' configurations and a seed to an [`Outcome`].
 
-use alight_shared::msg::{CommandKind, PlanRefusal, Reason, State};
-use alight_shared::time::Span;
+use alight_shared::{
+    msg::{CommandKind, PlanRefusal, Reason, State},
+    time::Span,
+};
 
-use crate::harness::observer::{NoObserver, WorldObserver};
-use crate::harness::outcome::{Judge, Outcome, TIME_LIMIT_S, centroid_error};
-use crate::harness::physics::TICK;
-use crate::harness::rig::Rig;
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::storm::Schedule;
-use crate::harness::trace::Trace;
-use crate::harness::world::World;
+use crate::harness::{
+    observer::{NoObserver, WorldObserver},
+    outcome::{Judge, Outcome, TIME_LIMIT_S, centroid_error},
+    physics::TICK,
+    rig::Rig,
+    scenario::{NodeConfigs, Scenario, SetupError},
+    storm::Schedule,
+    trace::Trace,
+    world::World,
+};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {

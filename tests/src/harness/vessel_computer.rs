@@ -3,26 +3,34 @@
 use core::mem::swap;
 use std::collections::VecDeque;
 
-use super::bus::{LockStep, LockStepSender};
-use super::edge::edge;
-use super::failing::{Failing, HeldReadings, VesselSensorFaults, shift};
-use super::physics::{DRONE_ID, TICK, VESSEL_ID};
-use super::scenario::{NodeConfigs, Scenario};
-use crate::sensors::bytes::Carries;
-use crate::sensors::bytes::boat::{Boat, DEVICES, in_ticks_s};
-use crate::sensors::clocks::ClockModel;
-use crate::sensors::delay::DelayLine;
-use alight_shared::bus::Writer as _;
-use alight_shared::msg::{CrewOrder, DeckOrder, Header, MAX_SOURCES};
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::{Span, VesselTime, WorldTime};
-use alight_usv::computer::{PROCESSES, VesselNodes, VesselRows};
-use alight_usv::deck::MAX_DRONES;
-use alight_usv::sensors::{
-    Measurement, Readings, SensorNode, SensorsIn, SourceConfig, SourceMeasurement, SourcesConfig,
+use super::{
+    bus::{LockStep, LockStepSender},
+    edge::edge,
+    failing::{Failing, HeldReadings, VesselSensorFaults, shift},
+    physics::{DRONE_ID, TICK, VESSEL_ID},
+    scenario::{NodeConfigs, Scenario},
 };
-use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselCheckpoint, VesselComputer};
+use crate::sensors::{
+    bytes::{
+        Carries,
+        boat::{Boat, DEVICES, in_ticks_s},
+    },
+    clocks::ClockModel,
+    delay::DelayLine,
+};
+use alight_shared::{
+    bus::Writer as _,
+    msg::{CrewOrder, DeckOrder, Header, MAX_SOURCES},
+    process::ProcessKind,
+    step::Step,
+    time::{Span, VesselTime, WorldTime},
+};
+use alight_usv::{
+    ComputerIn, ComputerOut, KINDS, VesselCheckpoint, VesselComputer,
+    computer::{PROCESSES, VesselNodes, VesselRows},
+    deck::MAX_DRONES,
+    sensors::{Measurement, Readings, SensorNode, SensorsIn, SourceConfig, SourceMeasurement, SourcesConfig},
+};
 
 /// Ticks over which rejected measurements are compared with used ones, as in the vessel's status: 10 s.
 const LATELY: usize = 1000;

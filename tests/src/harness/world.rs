@@ -4,28 +4,29 @@
 //!
 //! Delays (radio, clocks, solve time, autopilot wire) belong to the world, not to the nodes.
 
-pub use super::drone_computer::SimulatedDroneComputer;
-use super::drone_computer::Uplink;
-use super::errors::{EstimateError, of_deck, of_vessel};
-use super::failing::Failing;
-use super::foresight::Foresight;
-pub use super::link::Checkpoints;
-use super::link::LinkedAutopilot;
-use super::observer::{NoObserver, WorldObserver};
-use super::outcome::TrialObservation;
-use super::physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID};
-use super::scenario::{NodeConfigs, Scenario, SetupError};
-use super::vessel_computer::VesselSide;
-use crate::autopilots::simulated::INNER_PER_OUTER;
-use crate::physics::streams::Streams;
+pub use super::{drone_computer::SimulatedDroneComputer, link::Checkpoints};
+use super::{
+    drone_computer::Uplink,
+    errors::{EstimateError, of_deck, of_vessel},
+    failing::Failing,
+    foresight::Foresight,
+    link::LinkedAutopilot,
+    observer::{NoObserver, WorldObserver},
+    outcome::TrialObservation,
+    physics::{BOOT, DRONE_ID, Physics, TICK, VESSEL_ID},
+    scenario::{NodeConfigs, Scenario, SetupError},
+    vessel_computer::VesselSide,
+};
+use crate::{autopilots::simulated::INNER_PER_OUTER, physics::streams::Streams};
 use alight_bridge::Packet;
-use alight_shared::admission::{Arrival, Sender};
-use alight_shared::msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand};
-use alight_shared::process::ProcessKind;
-use alight_shared::radio::{RadioEnd, RadioTopic};
-use alight_shared::time::{Span, Time, VesselTime, WorldTime};
-use alight_usv::deck::DeckInputs;
-use alight_usv::{ComputerIn, ComputerOut};
+use alight_shared::{
+    admission::{Arrival, Sender},
+    msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand},
+    process::ProcessKind,
+    radio::{RadioEnd, RadioTopic},
+    time::{Span, Time, VesselTime, WorldTime},
+};
+use alight_usv::{ComputerIn, ComputerOut, deck::DeckInputs};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 

@@ -3,8 +3,10 @@
 
 use std::convert::Infallible;
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng, TryRng};
+use rand_chacha::{
+    ChaCha8Rng,
+    rand_core::{Rng, SeedableRng, TryRng},
+};
 
 pub const MOVES: usize = 10;
 

@@ -8,8 +8,7 @@ use alight_shared::time::{Span, Time, WorldTime};
 use serde::{Deserialize, Serialize};
 
 use super::SimulatedRadioConfig;
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{physics::streams::Streams, sensors::noise::Noise};
 
 /// Interval of the vessel's packets at full rates, s.
 const BURST_STEP_S: f64 = 0.025;

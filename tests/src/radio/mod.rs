@@ -7,13 +7,13 @@ pub mod channel;
 pub mod session;
 pub mod stream;
 
-use alight_shared::config;
-use alight_shared::time::WorldTime;
+use alight_shared::{config, time::WorldTime};
 use serde::{Deserialize, Serialize};
 
-use crate::physics::streams::Streams;
-use crate::sensors::delay::DelayLine;
-use crate::sensors::noise::Windows;
+use crate::{
+    physics::streams::Streams,
+    sensors::{delay::DelayLine, noise::Windows},
+};
 pub use channel::{ChannelCounts, ChannelFault, Direction, RadioChannel};
 pub use session::Session;
 
@@ -192,8 +192,7 @@ impl<T: Clone> SimulatedRadio<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::estimation::moments;
-    use alight_shared::time::Time;
+    use alight_shared::{estimation::moments, time::Time};
 
     fn run(config: &SimulatedRadioConfig, direction: Direction, n: usize) -> Vec<(usize, f64)> {
         let mut radio = SimulatedRadio::new(config, direction, &Streams::new(7));

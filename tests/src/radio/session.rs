@@ -3,9 +3,9 @@
 
 use alight_shared::time::{Span, Time, WorldTime};
 
-use super::stream::RadioStream;
 use super::{
     ChannelCounts, ChannelFault, Direction, RadioChannel, SimulatedRadio, SimulatedRadioConfig, Transport,
+    stream::RadioStream,
 };
 use crate::physics::streams::Streams;
 

@@ -1,13 +1,16 @@
-use alight_shared::config;
-use alight_shared::frames::VesselBody;
-use alight_shared::msg::AttitudeFix;
-use alight_shared::time::{Time, TrueTime, VesselClock};
+use alight_shared::{
+    config,
+    frames::VesselBody,
+    msg::AttitudeFix,
+    time::{Time, TrueTime, VesselClock},
+};
 use nalgebra::Vector3;
 
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// Roll, pitch, rates and heave of the vessel's inertial navigation system.

@@ -1,17 +1,19 @@
 //! A beacon on the vessel: a receiver whose position and velocity reach the drone with a delay, over a link
 //! that does not pass through the vessel's computer.
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, TrueNed, Vector};
-use alight_shared::geodesy::Datum;
-use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_uav::autopilot::message::Address;
-use alight_uav::autopilot::place_report::PlaceReport;
+use alight_shared::{
+    config,
+    frames::{Deck, TrueNed, Vector},
+    geodesy::Datum,
+    time::{DroneClock, Time, TrueTime},
+};
+use alight_uav::autopilot::{message::Address, place_report::PlaceReport};
 
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 /// Address on the autopilot's link: a tracker with its own system id.
 pub const BEACON: Address = Address::new(42, 1);

@@ -1,13 +1,14 @@
 //! Mount and lens of the belly camera.
 
-use alight_shared::config;
-use alight_shared::frames::{Camera, DroneBody, Point, Rotation, TrueNed, Vector};
-use alight_shared::geometry::DroneGeometry;
+use alight_shared::{
+    config,
+    frames::{Camera, DroneBody, Point, Rotation, TrueNed, Vector},
+    geometry::DroneGeometry,
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 
 use super::noise::Noise;
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// True mount of the camera relative to the designed mount; nodes do not know the errors.

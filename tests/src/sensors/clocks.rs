@@ -1,7 +1,9 @@
 //! Clocks of the two computers, with offset and drift drawn per seed.
 
-use alight_shared::config;
-use alight_shared::time::{Clock, Span, Time, TrueTime};
+use alight_shared::{
+    config,
+    time::{Clock, Span, Time, TrueTime},
+};
 
 use super::noise::Noise;
 use crate::physics::streams::Streams;

@@ -1,16 +1,19 @@
 //! GNSS receiver with slow bias, white noise, and a lever arm of its antenna.
 
-use alight_shared::config;
-use alight_shared::frames::{TrueNed, Vector, VesselBody};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::GnssFix;
-use alight_shared::time::{Time, TrueTime, VesselClock};
+use alight_shared::{
+    config,
+    frames::{TrueNed, Vector, VesselBody},
+    geodesy::Datum,
+    msg::GnssFix,
+    time::{Time, TrueTime, VesselClock},
+};
 use nalgebra::Vector3;
 
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// Errors of a GNSS receiver.

@@ -1,12 +1,15 @@
-use alight_shared::config;
-use alight_shared::frames::{VesselBody, wrap_angle};
-use alight_shared::msg::HeadingFix;
-use alight_shared::time::{Time, TrueTime, VesselClock};
+use alight_shared::{
+    config,
+    frames::{VesselBody, wrap_angle},
+    msg::HeadingFix,
+    time::{Time, TrueTime, VesselClock},
+};
 
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// Heading sensor of the vessel: a compass, or two GNSS antennas.

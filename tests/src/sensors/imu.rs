@@ -1,14 +1,17 @@
-use alight_shared::config;
-use alight_shared::frames::{TrueNed, Vector, VesselBody};
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::ImuSample;
-use alight_shared::time::{Time, TrueTime, VesselClock};
+use alight_shared::{
+    config,
+    frames::{TrueNed, Vector, VesselBody},
+    geometry::GRAVITY,
+    msg::ImuSample,
+    time::{Time, TrueTime, VesselClock},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// Inertial measurement unit of the vessel.

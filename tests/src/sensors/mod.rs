@@ -27,20 +27,20 @@ pub mod tag;
 pub mod uvdar;
 pub mod vision_loss;
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, DroneBody, VesselBody};
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
-use alight_shared::time::{DroneClock, Span, Time, TrueTime};
-use alight_shared::topics::CAMERA_LIGHT;
-use alight_uav::autopilot::place_report::PlaceReport;
-use alight_uav::camera::metering::Setting;
+use alight_shared::{
+    config,
+    frames::{Deck, DroneBody, VesselBody},
+    geodesy::Datum,
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::{CameraLight, RangeSample, TagPose, UvdarFix},
+    time::{DroneClock, Span, Time, TrueTime},
+    topics::CAMERA_LIGHT,
+};
+use alight_uav::{autopilot::place_report::PlaceReport, camera::metering::Setting};
 use alight_usv::sensors::Readings;
 use nalgebra::Vector3;
 
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use crate::physics::{body::RigidState, streams::Streams};
 use camera::CameraMount;
 use noise::Windows;
 use occlusion::Occlusion;

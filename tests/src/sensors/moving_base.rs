@@ -13,21 +13,27 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, DroneBody};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::CarrierSolution;
-use alight_shared::rtcm;
-use alight_shared::time::{Span, Time, TrueTime, VesselClock};
+use alight_shared::{
+    config,
+    frames::{Deck, DroneBody},
+    geodesy::Datum,
+    msg::CarrierSolution,
+    rtcm,
+    time::{Span, Time, TrueTime, VesselClock},
+};
 use nalgebra::Vector3;
 
-use super::bytes::rtcm::{content, frame};
-use super::bytes::{StatedErrors, ubx};
-use super::delay::DelayLine;
-use super::noise::{GaussMarkovError, Noise, SampleSchedule, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    bytes::{
+        StatedErrors,
+        rtcm::{content, frame},
+        ubx,
+    },
+    delay::DelayLine,
+    noise::{GaussMarkovError, Noise, SampleSchedule, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 /// Messages of an epoch with content sizes, bytes: position of the base, GPS, GLONASS, Galileo, BeiDou, and
 /// in every fifth epoch the GLONASS biases. Source: message numbers of u-blox's moving base; sizes for 5 to 8

@@ -1,7 +1,9 @@
 use core::ops::RangeInclusive;
 
-use alight_shared::config::{ConfigError, InRange, Keys};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::{
+    config::{ConfigError, InRange, Keys},
+    time::{Time, TrueTime},
+};
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::StandardNormal;

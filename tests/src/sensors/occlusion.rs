@@ -1,7 +1,9 @@
 //! Occlusion of the tags by the drone's legs and by its shadow.
 
-use alight_shared::frames::{TrueNed, Vector};
-use alight_shared::geometry::DroneGeometry;
+use alight_shared::{
+    frames::{TrueNed, Vector},
+    geometry::DroneGeometry,
+};
 use nalgebra::{Vector2, Vector3};
 
 use super::camera::{CameraMotion, CameraMount};
@@ -80,8 +82,7 @@ impl Occlusion {
 
 #[cfg(test)]
 mod tests {
-    use super::super::camera::body_from_camera;
-    use super::*;
+    use super::{super::camera::body_from_camera, *};
     use alight_shared::frames::DroneBody;
 
     use crate::physics::body::RigidState;

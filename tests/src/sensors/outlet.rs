@@ -2,12 +2,16 @@
 
 use core::marker::PhantomData;
 
-use alight_shared::msg::Header;
-use alight_shared::time::{Clock, Span, Time, TrueTime};
+use alight_shared::{
+    msg::Header,
+    time::{Clock, Span, Time, TrueTime},
+};
 
-use super::clocks::ClockModel;
-use super::delay::DelayLine;
-use super::noise::{SampleSchedule, Windows};
+use super::{
+    clocks::ClockModel,
+    delay::DelayLine,
+    noise::{SampleSchedule, Windows},
+};
 
 /// Maximum number of measurements in transit.
 const QUEUE: usize = 256;

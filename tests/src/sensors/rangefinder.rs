@@ -1,17 +1,20 @@
 //! Belly rangefinder: distance along the body's down axis to the deck or the water.
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, DroneBody};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::RangeSample;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::{
+    config,
+    frames::{Deck, DroneBody},
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::RangeSample,
+    time::{DroneClock, Time, TrueTime},
+};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::noise::{Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    noise::{Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

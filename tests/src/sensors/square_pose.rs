@@ -5,8 +5,7 @@ pub use alight_uav::camera::square_pose::{DeckPose, DetectedTag, corners, corner
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::streams::Streams;
-    use crate::sensors::noise::Noise;
+    use crate::{physics::streams::Streams, sensors::noise::Noise};
     use alight_shared::tags::DeckTag;
     use nalgebra::{UnitQuaternion, Vector2, Vector3, Vector6};
     use proptest::prelude::*;

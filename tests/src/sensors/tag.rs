@@ -26,23 +26,26 @@
 //!
 //! [`super::vision_loss`] models temporary covers of the tag.
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, Tag};
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{CameraLight, MIN_GLARE, TagPose};
-use alight_shared::tags::{DeckTag, Tags};
-use alight_shared::time::{Time, TrueTime};
+use alight_shared::{
+    config,
+    frames::{Deck, Tag},
+    geometry::DeckGeometry,
+    msg::{CameraLight, MIN_GLARE, TagPose},
+    tags::{DeckTag, Tags},
+    time::{Time, TrueTime},
+};
 use alight_uav::camera::metering::Setting;
 use nalgebra::{Vector2, Vector3};
 
-use super::camera::{CameraMotion, PinholeLens};
-use super::night::{NightConfig, veil};
-use super::noise::{Noise, Windows};
-use super::occlusion::Occlusion;
-use super::square_pose::{DetectedTag, corners, solve};
-use super::vision_loss::{VisionLoss, VisionLossConfig};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    camera::{CameraMotion, PinholeLens},
+    night::{NightConfig, veil},
+    noise::{Noise, Windows},
+    occlusion::Occlusion,
+    square_pose::{DetectedTag, corners, solve},
+    vision_loss::{VisionLoss, VisionLossConfig},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// Tag detector and its camera.

@@ -11,17 +11,20 @@
 //!
 //! The node reports four times the actual error up to `far`.
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, DroneBody, Vector};
-use alight_shared::msg::UvdarFix;
-use alight_shared::time::{DroneClock, Time, TrueTime};
+use alight_shared::{
+    config,
+    frames::{Deck, DroneBody, Vector},
+    msg::UvdarFix,
+    time::{DroneClock, Time, TrueTime},
+};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::camera::{CameraMotion, CameraMount};
-use super::noise::{GaussMarkovError, Noise, Windows};
-use super::outlet::{Outlet, SenderIdentity};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    camera::{CameraMotion, CameraMount},
+    noise::{GaussMarkovError, Noise, Windows},
+    outlet::{Outlet, SenderIdentity},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 
 config! {
     /// UVDAR system. Its fixes are in the belly camera's frame.

@@ -5,8 +5,10 @@
 //! It starts in its stationary distribution and does not depend on the camera, so that planners experience
 //! the same losses at the same times.
 
-use alight_shared::config;
-use alight_shared::time::{Span, Time, TrueTime};
+use alight_shared::{
+    config,
+    time::{Span, Time, TrueTime},
+};
 
 use super::noise::Noise;
 use crate::physics::streams::Streams;

@@ -3,11 +3,15 @@
 
 use alight_shared::msg::{CommandKind, Phase};
 
-use crate::harness::observer::NoObserver;
-use crate::harness::outcome::{ContactEvent, MAX_CONTACT_MPS};
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::world::World;
-use crate::physics::vessel::VesselCourse;
+use crate::{
+    harness::{
+        observer::NoObserver,
+        outcome::{ContactEvent, MAX_CONTACT_MPS},
+        scenario::{NodeConfigs, Scenario, SetupError},
+        world::World,
+    },
+    physics::vessel::VesselCourse,
+};
 use alight_shared::process::ProcessKind;
 
 /// Maximum time to reach the height of the interruption, s.

@@ -1,14 +1,18 @@
 //! The vessel's estimator and prediction compared with the truth, in the vessel's GNSS frame: the truth plus
 //! the receiver's bias at that instant.
 
-use alight_shared::frames::{euler_rates, wrap_angle};
-use alight_shared::msg::{VesselEstimate, VesselPrediction};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, VesselClock};
+use alight_shared::{
+    frames::{euler_rates, wrap_angle},
+    msg::{VesselEstimate, VesselPrediction},
+    node::Node,
+    time::{Span, VesselClock},
+};
 use alight_usv::{VesselNode, VesselNodeConfig};
 
-use crate::harness::physics::{Physics, TICK};
-use crate::harness::scenario::{Scenario, SetupError};
+use crate::harness::{
+    physics::{Physics, TICK},
+    scenario::{Scenario, SetupError},
+};
 
 #[derive(Clone, Copy, Debug)]
 pub struct VesselTruth {

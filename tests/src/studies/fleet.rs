@@ -5,13 +5,16 @@
 use alight_shared::msg::{CommandKind, DeckOrder, State};
 
 use super::aborts::drive;
-use crate::harness::observer::NoObserver;
-use crate::harness::physics::TICK;
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::world::World;
-use crate::physics::sea::SeaConfig;
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{
+    harness::{
+        observer::NoObserver,
+        physics::TICK,
+        scenario::{NodeConfigs, Scenario, SetupError},
+        world::World,
+    },
+    physics::{sea::SeaConfig, streams::Streams},
+    sensors::noise::Noise,
+};
 
 const FLOWN_S: f64 = 180.0;
 /// Distance below the approach height at which a drone counts as below the waiting height, m: more than a

@@ -4,8 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::harness::outcome::Outcome;
-use crate::studies::statistics::{OutcomeMetric, bootstrap_mean, wilson};
+use crate::{
+    harness::outcome::Outcome,
+    studies::statistics::{OutcomeMetric, bootstrap_mean, wilson},
+};
 
 pub const COMPARED: [OutcomeMetric; 6] = [
     ("position_error_m", |o| o.position_error_m),

@@ -4,13 +4,14 @@
 //! contains the receiver's slow bias, which changes by 0.08 m per second, under 0.3 m of white noise at 10
 //! Hz: no filter can estimate it to better than 0.09 m. The drone measures this bias by vision.
 
-use alight_shared::msg::VesselPrediction;
-use alight_shared::time::VesselClock;
+use alight_shared::{msg::VesselPrediction, time::VesselClock};
 use alight_usv::VesselNodeConfig;
 
 use super::estimator::{EstimatorRun, StageDeviations, difference, predicted, run};
-use crate::harness::physics::TICK;
-use crate::harness::scenario::{Scenario, SetupError};
+use crate::harness::{
+    physics::TICK,
+    scenario::{Scenario, SetupError},
+};
 
 const AHEAD_S: f64 = 1.0;
 /// Chi-square 95 % quantiles with one, two and three degrees of freedom.

@@ -11,13 +11,17 @@ use rand::RngExt;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::harness::observer::NoObserver;
-use crate::harness::outcome::Outcome;
-use crate::harness::scenario::{NodeConfigs, Scenario, SetupError};
-use crate::harness::trial::{self, Watch};
-use crate::harness::world::World;
-use crate::physics::streams::{MOVES, Stream, Streams};
-use crate::studies::statistics::{at_most_95, student_95};
+use crate::{
+    harness::{
+        observer::NoObserver,
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario, SetupError},
+        trial::{self, Watch},
+        world::World,
+    },
+    physics::streams::{MOVES, Stream, Streams},
+    studies::statistics::{at_most_95, student_95},
+};
 
 const KEPT: f64 = 0.25;
 /// Maximum number of levels, each of which is a move; reaches a probability of 1e-6.

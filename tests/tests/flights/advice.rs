@@ -1,12 +1,17 @@
 //! Advice to the helm on courses with less deck motion.
 
-use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
-use alight_shared::msg::SLOPE_STEP;
-use alight_shared::node::Node;
-use alight_sim::harness::physics::{Physics, TICK};
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::VesselCourse;
-use alight_sim::physics::vessel::response::HULLS;
+use alight_shared::{
+    apparent_slope::{ApparentSlope, RATE_HZ},
+    msg::SLOPE_STEP,
+    node::Node,
+};
+use alight_sim::{
+    harness::{
+        physics::{Physics, TICK},
+        scenario::{NodeConfigs, Scenario},
+    },
+    physics::vessel::{VesselCourse, response::HULLS},
+};
 use alight_usv::{CourseOutlook, VesselNode};
 use nalgebra::Vector3;
 

@@ -2,12 +2,16 @@
 //! there and lands by them.
 
 use alight_shared::msg::{ReasonCode, State, VesselLevel};
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, Moment, Schedule};
-use alight_sim::physics::vessel::response::HULLS;
-use alight_sim::sensors::beacon::BeaconConfig;
+use alight_sim::{
+    harness::{
+        outcome::Outcome,
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+        storm::{Fault, FaultKind, Moment, Schedule},
+    },
+    physics::vessel::response::HULLS,
+    sensors::beacon::BeaconConfig,
+};
 
 use crate::{at_sea, judged};
 

@@ -1,21 +1,30 @@
 //! Calibrations of simulated vehicles, whose true parameters are known only to this test.
 
-use alight_shared::msg::{CommandKind, State};
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::world::World;
-use alight_sim::physics::vessel::rigid::rigid_body_mass;
-use alight_sim::physics::vessel::{VesselConfig, VesselLoad, hull::Hull};
-use alight_uav::calibrate::{
-    DeckCalibration, DeckCalibrationError, DeckCalibrationResult, DronePlacement, USABLE_M, ValueWithSd,
+use alight_shared::{
+    msg::{CommandKind, State},
+    step::Step,
+    time::WorldTime,
+    vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW},
 };
-use alight_uav::predictor::PredictorIn;
-use alight_usv::ComputerIn;
-use alight_usv::calibrate::{DOF_NAMES, Record};
-use alight_usv::sensors::Readings;
+use alight_sim::{
+    harness::{
+        observer::WorldObserver,
+        scenario::{NodeConfigs, Scenario},
+        world::World,
+    },
+    physics::vessel::{VesselConfig, VesselLoad, hull::Hull, rigid::rigid_body_mass},
+};
+use alight_uav::{
+    calibrate::{
+        DeckCalibration, DeckCalibrationError, DeckCalibrationResult, DronePlacement, USABLE_M, ValueWithSd,
+    },
+    predictor::PredictorIn,
+};
+use alight_usv::{
+    ComputerIn,
+    calibrate::{DOF_NAMES, Record},
+    sensors::Readings,
+};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 use crate::at_sea;

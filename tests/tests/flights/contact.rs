@@ -1,12 +1,16 @@
 //! Link killed at each tenth of a second around the contact: no contact is hard, the motors stop soon after the link
 //! is back, and the drone does not take off again.
 
-use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_STOP_S};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::FaultKind;
-use alight_uav::autopilot::message::MavCmd;
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_sim::harness::{
+    outcome::{MAX_CONTACT_MPS, MAX_STOP_S},
+    rig::Rig,
+    scenario::{NodeConfigs, Scenario},
+    storm::FaultKind,
+};
+use alight_uav::autopilot::{
+    message::MavCmd,
+    modes::{Firmware, px4_mode},
+};
 use nalgebra::Vector2;
 use rayon::prelude::*;
 

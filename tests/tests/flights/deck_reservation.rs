@@ -1,9 +1,13 @@
 //! Reservation of the deck: drones request it from the vessel's arbiter over radio before they descend.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State, WAITING_DISTANCE_M};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::studies::fleet;
+use alight_sim::{
+    harness::{
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+    },
+    studies::fleet,
+};
 use alight_usv::deck::DeckInputs;
 
 use crate::at_sea;

@@ -2,9 +2,11 @@
 //! descent, whether or not the autopilot counts them.
 
 use alight_shared::msg::State;
-use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::{
+    outcome::{Ending, Outcome, TIME_LIMIT_S},
+    rig::Rig,
+    scenario::{NodeConfigs, Scenario},
+};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 

@@ -1,14 +1,18 @@
 //! The vessel's estimator compared with the truth (simulated sea, vessel and sensors share no model with it),
 //! in the vessel's GNSS frame: the truth plus the receiver's bias at that instant.
 
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::vessel::{VesselConfig, VesselCourse};
-use alight_sim::studies::estimator::{EstimatorRun, difference, prediction_error, run as fly, state_errors};
-use alight_sim::studies::prediction::{Scores, vessel};
-use alight_usv::VesselNodeConfig;
-use alight_usv::review::review;
-use alight_usv::sensors::Mount;
+use alight_sim::{
+    harness::scenario::Scenario,
+    physics::{
+        deck_motion::DeckMotionConfig,
+        vessel::{VesselConfig, VesselCourse},
+    },
+    studies::{
+        estimator::{EstimatorRun, difference, prediction_error, run as fly, state_errors},
+        prediction::{Scores, vessel},
+    },
+};
+use alight_usv::{VesselNodeConfig, review::review, sensors::Mount};
 use rayon::prelude::*;
 
 use crate::at_sea;

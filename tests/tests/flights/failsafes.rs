@@ -2,10 +2,14 @@
 
 use super::{BOTH, at_sea};
 use alight_shared::msg::State;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Storm, StormEnding, fly};
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    harness::{
+        rig::Rig,
+        scenario::NodeConfigs,
+        storm::{Fault, FaultKind, FlightKind, Flown, Moment, Storm, StormEnding, fly},
+    },
+    physics::vessel::VesselCourse,
+};
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 

@@ -5,16 +5,21 @@
 use std::path::Path;
 
 use alight_shared::msg::State;
-use alight_sim::autopilots::simulated::SimulatedAutopilot;
-use alight_sim::harness::outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S};
-use alight_sim::harness::physics::TICK;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, FaultTimer, FaultTurn, Moment};
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::sea::SeaConfig;
-use alight_uav::autopilot::message::{MavCmd, MavResult};
-use alight_uav::autopilot::modes::Firmware;
+use alight_sim::{
+    autopilots::simulated::SimulatedAutopilot,
+    harness::{
+        outcome::{Ending, FALSE_STOP_M, Judge, Outcome, TIME_LIMIT_S},
+        physics::TICK,
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+        storm::{Fault, FaultKind, FaultTimer, FaultTurn, Moment},
+    },
+    physics::{deck_motion::DeckMotionConfig, sea::SeaConfig},
+};
+use alight_uav::autopilot::{
+    message::{MavCmd, MavResult},
+    modes::Firmware,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 

@@ -2,16 +2,22 @@
 //! drone is disarmed in the air or stays low over the deck. Storms draw other combinations.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State, Station};
-use alight_sim::harness::outcome::MAX_CONTACT_MPS;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::storm::{FaultKind, Takes};
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    harness::{
+        outcome::MAX_CONTACT_MPS,
+        rig::Rig,
+        scenario::NodeConfigs,
+        storm::{FaultKind, Takes},
+    },
+    physics::vessel::VesselCourse,
+};
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 
-use super::BOTH;
-use super::takeoff::{armed, on_deck};
+use super::{
+    BOTH,
+    takeoff::{armed, on_deck},
+};
 use crate::at_sea;
 const ABEAM: Station = Station {
     ahead_m: 0,

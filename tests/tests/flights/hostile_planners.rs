@@ -2,19 +2,16 @@
 
 use core::f64::consts::TAU;
 
-use alight_shared::msg::Plan;
-use alight_shared::process::ProcessKind;
-use alight_shared::wire;
-use alight_sim::harness::bus::BusSide;
-use alight_sim::harness::observer::NoObserver;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::trial;
-use alight_sim::harness::world::World;
+use alight_shared::{msg::Plan, process::ProcessKind, wire};
+use alight_sim::harness::{
+    bus::BusSide, observer::NoObserver, outcome::Outcome, scenario::NodeConfigs, trial, world::World,
+};
 use alight_uav::planner::PlannerKind;
 
-use crate::at_sea;
-use crate::keep_out::{known, vessel};
+use crate::{
+    at_sea,
+    keep_out::{known, vessel},
+};
 
 /// Changes the own planner's plan by the kind and size of `seed`, for half of the seeds only before the touchdown.
 fn change(seed: u64, plan: &mut Plan, old: &mut Plan) {

@@ -1,12 +1,17 @@
 //! Landings on vessels moved by a response table.
 
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::physics::Physics;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial;
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::vessel::VesselCourse;
-use alight_sim::physics::vessel::response::HULLS;
+use alight_sim::{
+    harness::{
+        outcome::Outcome,
+        physics::Physics,
+        scenario::{NodeConfigs, Scenario},
+        trial,
+    },
+    physics::{
+        deck_motion::DeckMotionConfig,
+        vessel::{VesselCourse, response::HULLS},
+    },
+};
 
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Outcome {
     trial::outcome(scenario, nodes, seed, "hull").unwrap()

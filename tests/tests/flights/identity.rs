@@ -1,10 +1,14 @@
 //! Another boat with the same tags is alongside: the drone lands on its own deck, or waits and reports why.
 
 use alight_shared::msg::ReasonCode;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::sensors::noise::Windows;
+use alight_sim::{
+    harness::{
+        outcome::Outcome,
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+    },
+    sensors::noise::Windows,
+};
 
 use crate::{at_sea, judged};
 

@@ -1,8 +1,10 @@
 //! An operator, or the end of the planner's process, interrupts a landing near a deck under way. The drone
 //! completes the landing or leaves with the deck; the deck must not pass beneath a drone at a fixed position.
 
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::studies::aborts::{Interruption, drive, fly};
+use alight_sim::{
+    harness::scenario::NodeConfigs,
+    studies::aborts::{Interruption, drive, fly},
+};
 
 use crate::at_sea;
 

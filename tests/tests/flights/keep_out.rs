@@ -2,11 +2,15 @@
 //! receive the volumes stay clear of both, approach within the sector, and leave along the escape direction.
 
 use alight_shared::surroundings::SurroundingsConfig;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trace::TracePoint;
-use alight_sim::harness::trial::{self, Watch};
-use alight_sim::studies::aborts::{Interruption, drive, fly};
+use alight_sim::{
+    harness::{
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario},
+        trace::TracePoint,
+        trial::{self, Watch},
+    },
+    studies::aborts::{Interruption, drive, fly},
+};
 
 use crate::at_sea;
 

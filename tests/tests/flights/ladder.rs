@@ -1,12 +1,12 @@
 //! Steps before a first landing: a pilot lands in the mode `shadow`; a drone follows the deck in the mode
 //! `match` and then climbs.
 
-use alight_shared::msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State};
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_sim::harness::physics::TICK;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::NodeConfigs;
+use alight_shared::{
+    msg::{AutopilotState, CommandKind, LandingMode, ReasonCode, State},
+    step::Step,
+    time::WorldTime,
+};
+use alight_sim::harness::{physics::TICK, rig::Rig, scenario::NodeConfigs};
 use alight_uav::mission::MissionIn;
 use nalgebra::Vector3;
 

@@ -1,14 +1,17 @@
 //! Landings in the simulated world, from the start to rest on the deck.
 
 use alight_shared::msg::State;
-use alight_sim::baselines::Baseline;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::harness::trial::{FlownTrial, Watch, fly};
-use alight_sim::physics::streams::Streams;
-use alight_sim::physics::vessel::VesselCourse;
-use alight_sim::sensors::noise::Noise;
+use alight_sim::{
+    baselines::Baseline,
+    harness::{
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario},
+        storm::{Fault, FaultKind, Moment},
+        trial::{FlownTrial, Watch, fly},
+    },
+    physics::{streams::Streams, vessel::VesselCourse},
+    sensors::noise::Noise,
+};
 
 use crate::{BOTH, at_sea};
 fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> FlownTrial {

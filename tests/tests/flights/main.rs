@@ -36,9 +36,11 @@ mod takeoff;
 mod under_way;
 mod witnesses;
 
-use alight_sim::harness::outcome::{Judge, Outcome};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::Scenario;
+use alight_sim::harness::{
+    outcome::{Judge, Outcome},
+    rig::Rig,
+    scenario::Scenario,
+};
 use alight_uav::autopilot::modes::Firmware;
 
 const BOTH: [Firmware; 2] = [Firmware::Px4, Firmware::ArduCopter];

@@ -2,13 +2,16 @@
 //! it is lost, and false fixes.
 
 use alight_shared::msg::State;
-use alight_sim::harness::outcome::{Outcome, TIME_LIMIT_S};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::FaultKind;
-use alight_sim::harness::trial;
-use alight_sim::sensors::moving_base::MovingBaseConfig;
-use alight_sim::sensors::noise::Windows;
+use alight_sim::{
+    harness::{
+        outcome::{Outcome, TIME_LIMIT_S},
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+        storm::FaultKind,
+        trial,
+    },
+    sensors::{moving_base::MovingBaseConfig, noise::Windows},
+};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 

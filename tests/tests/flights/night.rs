@@ -1,12 +1,16 @@
 //! Landings at night: lit tags, printed tags, a lamp on the deck.
 
 use alight_shared::msg::{ReasonCode, State};
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial;
-use alight_sim::physics::vessel::response::HULLS;
-use alight_sim::sensors::night::NightConfig;
+use alight_sim::{
+    harness::{
+        outcome::Outcome,
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+        trial,
+    },
+    physics::vessel::response::HULLS,
+    sensors::night::NightConfig,
+};
 
 /// Starlight, and tags as bright as a phone screen.
 fn lit() -> NightConfig {

@@ -2,9 +2,11 @@
 //! vessel's is at its first fix, the drone's where its autopilot was switched on, up to 2 km away.
 
 use alight_shared::msg::State;
-use alight_sim::harness::outcome::{Ending, Outcome, TIME_LIMIT_S};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, PlaceConfig, Scenario};
+use alight_sim::harness::{
+    outcome::{Ending, Outcome, TIME_LIMIT_S},
+    rig::Rig,
+    scenario::{NodeConfigs, PlaceConfig, Scenario},
+};
 
 use crate::judged;
 

@@ -1,13 +1,17 @@
 //! Load, loss and recovery of the radio link in the complete system.
 
 use alight_shared::msg::State;
-use alight_sim::harness::observer::NoObserver;
-use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::harness::trial;
-use alight_sim::harness::world::World;
-use alight_sim::radio::Transport;
+use alight_sim::{
+    harness::{
+        observer::NoObserver,
+        outcome::{Ending, Outcome},
+        scenario::{NodeConfigs, Scenario},
+        storm::{Fault, FaultKind, Moment},
+        trial,
+        world::World,
+    },
+    radio::Transport,
+};
 
 use crate::at_sea;
 

@@ -1,15 +1,20 @@
 //! Deck motion that is not caused by waves: a platform rocks fast about its deck, 1.3 m above the vessel's
 //! sensors, and heaves with an unrelated sea.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use alight_sim::harness::outcome::Ending;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial;
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::estimator::{run, state_errors};
+use alight_sim::{
+    harness::{
+        outcome::Ending,
+        scenario::{NodeConfigs, Scenario},
+        trial,
+    },
+    physics::{deck_motion::DeckMotionConfig, sea::SeaConfig},
+    studies::estimator::{run, state_errors},
+};
 use alight_usv::VesselNodeConfig;
 
 fn scene(file: PathBuf, scale: f64, start_s: f64) -> Scenario {

@@ -1,14 +1,18 @@
 use std::path::Path;
 
-use alight_shared::estimation::moments;
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::{
+    estimation::moments,
+    frames::wrap_angle,
+    msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD},
+};
 use alight_sim::harness::physics::Physics;
-use alight_usv::VesselNodeConfig;
-use alight_usv::estimator::InnovationChannel;
-use alight_usv::log::{self, SensorRecording};
-use alight_usv::review::{Review, review};
-use alight_usv::sensors::{Measurement, Mount};
+use alight_usv::{
+    VesselNodeConfig,
+    estimator::InnovationChannel,
+    log::{self, SensorRecording},
+    review::{Review, review},
+    sensors::{Measurement, Mount},
+};
 
 use crate::at_sea;
 

@@ -1,16 +1,18 @@
 //! Sorties in the simulated world: away from the vessel in the autopilot's own mission, and back to the deck.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State};
-use alight_sim::autopilots::simulated::own_mission_mode;
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::world::Checkpoints;
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    autopilots::simulated::own_mission_mode,
+    harness::{rig::Rig, scenario::NodeConfigs, world::Checkpoints},
+    physics::vessel::VesselCourse,
+};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::Vector3;
 
-use super::BOTH;
-use super::takeoff::{armed, on_deck, ordered, rests_on_deck, until};
+use super::{
+    BOTH,
+    takeoff::{armed, on_deck, ordered, rests_on_deck, until},
+};
 use crate::at_sea;
 
 /// Uploads a mission of three waypoints, `far_m` from the drone and 20 m higher.

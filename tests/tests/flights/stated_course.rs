@@ -1,8 +1,7 @@
 //! Stated course: from the helm's order on the vessel to the drone's descent.
 
 use alight_shared::msg::{DeckOrder, ReasonCode, State};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::NodeConfigs;
+use alight_sim::harness::{rig::Rig, scenario::NodeConfigs};
 
 use crate::at_sea;
 

@@ -1,13 +1,16 @@
 //! Stations near a turning vessel.
 
 use alight_shared::msg::{CommandKind, ReasonCode, State, Station};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    harness::{
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+    },
+    physics::vessel::VesselCourse,
+};
 use nalgebra::Vector3;
 
-use super::sorties::apart_m;
-use super::takeoff::until;
+use super::{sorties::apart_m, takeoff::until};
 
 const ABEAM: Station = Station {
     ahead_m: 0,

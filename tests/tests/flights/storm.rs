@@ -3,10 +3,16 @@
 //! flies thousands).
 
 use alight_shared::msg::State;
-use alight_sim::harness::observer::NoObserver;
-use alight_sim::harness::storm::watch::{StormEnding, StormRule};
-use alight_sim::harness::storm::{Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_observed};
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    harness::{
+        observer::NoObserver,
+        storm::{
+            Fault, FaultKind, FlightKind, Flown, Moment, Mutant, Storm, fly_observed,
+            watch::{StormEnding, StormRule},
+        },
+    },
+    physics::vessel::VesselCourse,
+};
 use alight_uav::autopilot::modes::Firmware;
 use rayon::prelude::*;
 

@@ -1,9 +1,13 @@
 //! Take-offs from the deck in the simulated world.
 
 use alight_shared::msg::{CommandKind, DeckOrder, ReasonCode, State};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::physics::vessel::VesselCourse;
+use alight_sim::{
+    harness::{
+        rig::Rig,
+        scenario::{NodeConfigs, Scenario},
+    },
+    physics::vessel::VesselCourse,
+};
 use alight_uav::autopilot::modes::Firmware;
 
 use super::BOTH;

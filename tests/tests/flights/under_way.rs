@@ -2,20 +2,24 @@
 
 use std::path::Path;
 
-use alight_shared::estimation::moments;
-use alight_shared::frames::{Deck, DroneBody, VesselBody, wrap_angle};
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate};
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::{DroneClock, Span, WorldTime};
-use alight_sim::harness::bus::BusSide;
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::world::World;
-use alight_sim::physics::body::RigidState;
-use alight_sim::physics::deck_motion::DeckMotionConfig;
-use alight_sim::physics::sea::SeaConfig;
+use alight_shared::{
+    estimation::moments,
+    frames::{Deck, DroneBody, VesselBody, wrap_angle},
+    geometry::DeckGeometry,
+    msg::{DeckForecast, Motors, SetPoint, SetPointKind, VesselEstimate},
+    process::ProcessKind,
+    step::Step,
+    time::{DroneClock, Span, WorldTime},
+};
+use alight_sim::{
+    harness::{
+        bus::BusSide,
+        observer::WorldObserver,
+        scenario::{NodeConfigs, Scenario},
+        world::World,
+    },
+    physics::{body::RigidState, deck_motion::DeckMotionConfig, sea::SeaConfig},
+};
 use alight_uav::predictor::{PredictorIn, PredictorOut};
 use nalgebra::Vector3;
 

@@ -2,10 +2,12 @@
 //! the reason is reported.
 
 use alight_shared::msg::{ReasonCode, State};
-use alight_sim::harness::failing::Failing;
-use alight_sim::harness::outcome::{Ending, Outcome};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::{
+    failing::Failing,
+    outcome::{Ending, Outcome},
+    rig::Rig,
+    scenario::{NodeConfigs, Scenario},
+};
 
 use crate::judged;
 

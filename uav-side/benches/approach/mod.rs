@@ -3,20 +3,26 @@
 //!
 //! The parent module must import `planner`.
 
-use alight_shared::frames::{body_rates, wxyz};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, Seq, State as Mode,
+use alight_shared::{
+    frames::{body_rates, wxyz},
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::{
+        DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Header, MissionState, Plan, Seq, State as Mode,
+    },
+    node::Node,
+    time::{DroneClock, DroneTime, Span, Time},
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, DroneTime, Span, Time};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::naive;
-use super::planner::model::{MIXER, clearance, discretise};
-use super::planner::mpc_faa::{Mpc, Problem, heading_free};
-use super::planner::qp::CEILING_SLACK_M;
-use super::planner::{Planner, PlannerConfig, PlannerIn};
+use super::{
+    naive,
+    planner::{
+        Planner, PlannerConfig, PlannerIn,
+        model::{MIXER, clearance, discretise},
+        mpc_faa::{Mpc, Problem, heading_free},
+        qp::CEILING_SLACK_M,
+    },
+};
 
 #[derive(Clone, Copy, Debug)]
 pub struct BenchSea {

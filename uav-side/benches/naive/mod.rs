@@ -1,8 +1,10 @@
 //! Reference solver for the benchmark and tests: the paper's eq. 6-7 as written, with all 12 states and 4
 //! inputs, condensed to dense matrices at every solve and solved by Clarabel with default settings.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus};
+use clarabel::{
+    algebra::CscMatrix,
+    solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus},
+};
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 /// Problem data, in the paper's state order `[p, euler, v, euler rates]`.

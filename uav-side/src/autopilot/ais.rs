@@ -5,10 +5,14 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::geodesy::KNOT_MPS;
-use alight_shared::lines::{Cut, LineBuffer};
-use nmea_kit::ais::{AisMessage, AisParser, PositionReport};
-use nmea_kit::parse_frame;
+use alight_shared::{
+    geodesy::KNOT_MPS,
+    lines::{Cut, LineBuffer},
+};
+use nmea_kit::{
+    ais::{AisMessage, AisParser, PositionReport},
+    parse_frame,
+};
 
 use super::place_report::{AisReport, PlaceReport};
 

@@ -15,8 +15,7 @@ use core::fmt;
 use alight_shared::msg::AutopilotMode;
 use serde::{Deserialize, Serialize};
 
-use super::DroneTime;
-use super::config::Diversion;
+use super::{DroneTime, config::Diversion};
 
 const CONFIRMATIONS: u32 = 2;
 

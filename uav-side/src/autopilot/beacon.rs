@@ -5,13 +5,17 @@
 //!
 //! The sources' clocks are unknown, so a report is dated at its arrival and its delay counts as error.
 
-use alight_shared::msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _};
-use alight_shared::time::Span;
+use alight_shared::{
+    msg::{BeaconSource, DeckBeacon, Header, MAX_BEACON_MPS, MIN_BEACON_SD_M, Message as _},
+    time::Span,
+};
 
-use super::config::AutopilotLinkConfig;
-use super::message::{MavMessage as M, MavlinkFrame, MavlinkMessage};
-use super::place_report::{AisReport, PlaceReport};
-use super::{DroneTime, Output, OutputHeaders};
+use super::{
+    DroneTime, Output, OutputHeaders,
+    config::AutopilotLinkConfig,
+    message::{MavMessage as M, MavlinkFrame, MavlinkMessage},
+    place_report::{AisReport, PlaceReport},
+};
 
 /// Default standard deviation of the position, each axis, m: no GNSS corrections, and 1 s of delay at 2 m/s.
 const PLACE_SD_M: f64 = 5.0;
@@ -110,10 +114,8 @@ fn beacon_of(now: DroneTime, source: BeaconSource, report: &PlaceReport) -> Deck
 
 #[cfg(test)]
 mod tests {
-    use super::super::message::Address;
-    use super::*;
-    use alight_shared::mavlink::dialect as m;
-    use alight_shared::time::Time;
+    use super::{super::message::Address, *};
+    use alight_shared::{mavlink::dialect as m, time::Time};
 
     type Link = (OtherSystems, AutopilotLinkConfig);
 

@@ -5,17 +5,20 @@
 //! A pilot's takeover during the restart is respected: in another mode the autopilot ignores set-points, and
 //! its first heartbeat in that mode ends the command.
 
-use alight_shared::admission::Periodic;
-use alight_shared::mavlink::SigningTimes;
-use alight_shared::msg::{AutopilotMode, LinkCheckpoint, Message as _};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    mavlink::SigningTimes,
+    msg::{AutopilotMode, LinkCheckpoint, Message as _},
+    time::{DroneClock, Span},
+};
 
-use super::message::{AUTOPILOT_COMPONENT, Address};
-use super::modes::Firmware;
-use super::peer::MavlinkPeer;
-use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
-use crate::odometry::Jumps;
-use crate::odometry::wind::WindMonitor;
+use super::{
+    AutopilotLink, AutopilotOut, DroneTime, Output,
+    message::{AUTOPILOT_COMPONENT, Address},
+    modes::Firmware,
+    peer::MavlinkPeer,
+};
+use crate::odometry::{Jumps, wind::WindMonitor};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 const PERIOD: Span = Span::from_millis(20);

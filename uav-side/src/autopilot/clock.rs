@@ -8,10 +8,12 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::Periodic;
-use alight_shared::estimation::OffsetBounds;
-use alight_shared::mavlink::dialect::TIMESYNC_DATA;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    admission::Periodic,
+    estimation::OffsetBounds,
+    mavlink::dialect::TIMESYNC_DATA,
+    time::{DroneClock, Span, Time},
+};
 
 use super::DroneTime;
 

@@ -1,20 +1,22 @@
 //! Optional publication of the deck on the link, as `LANDING_TARGET` or as `TARGET_RELATIVE` and
 //! `TARGET_ABSOLUTE`, and as an array of numbers.
 
-use alight_shared::frames::wxyz;
-use alight_shared::mavlink::dialect::{
-    DEBUG_FLOAT_ARRAY_DATA, LANDING_TARGET_DATA, LandingTargetType, MavBool, MavFrame,
+use alight_shared::{
+    frames::wxyz,
+    mavlink::dialect::{DEBUG_FLOAT_ARRAY_DATA, LANDING_TARGET_DATA, LandingTargetType, MavBool, MavFrame},
+    msg::{DeckStage, SetPoint, SetPointKind},
+    time::Span,
 };
-use alight_shared::msg::{DeckStage, SetPoint, SetPointKind};
-use alight_shared::time::Span;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::config::DeckMessage;
-use super::message::{
-    CommandLong, MavCmd, MavMessage, MavlinkMessage, TargetAbsolute, TargetRelative, chars, narrow,
+use super::{
+    AutopilotLink, AutopilotOut, DroneTime,
+    config::DeckMessage,
+    message::{
+        CommandLong, MavCmd, MavMessage, MavlinkMessage, TargetAbsolute, TargetRelative, chars, narrow,
+    },
+    modes::Firmware,
 };
-use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, DroneTime};
 
 /// Displacement of the deck after which home is sent again, m: the combined error of two receivers.
 const HOME_MOVED_M: f64 = 5.0;

@@ -8,13 +8,14 @@
 
 use core::fmt;
 
-use alight_shared::admission::Periodic;
-use alight_shared::msg::{MissionState, State};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    msg::{MissionState, State},
+    time::{DroneClock, Span},
+};
 use serde::{Deserialize, Serialize};
 
-use super::DroneTime;
-use super::config::DisarmConfig;
+use super::{DroneTime, config::DisarmConfig};
 
 /// Duration of the evidence without the pilot's set-points, s: several time constants of the specific force.
 pub(crate) const HOLD_ALONE_S: f64 = 0.2;
@@ -219,8 +220,7 @@ impl DisarmConfig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::still_armed_s;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::still_armed_s, time::Time};
 
     #[test]
     fn armed_drone_after_the_disarm_sequence() {

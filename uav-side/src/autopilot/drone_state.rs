@@ -1,28 +1,29 @@
 //! Drone state from the autopilot's reports. PX4 sends one `ODOMETRY`, ArduCopter `LOCAL_POSITION_NED` and
 //! `ATTITUDE_QUATERNION`; both send inertial samples separately.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::frames::{DroneNed, Vector, wxyz};
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, ODOMETRY_DATA};
-use alight_shared::mavlink::fields;
-use alight_shared::msg::{DeckStage, DroneState, Header, Message as _, RangeSample, SetPoint};
-use alight_shared::time::Span;
-use alight_shared::topics;
+use alight_shared::{
+    estimation::low_pass,
+    frames::{DroneNed, Vector, wxyz},
+    geodesy::Datum,
+    geometry::DroneGeometry,
+    mavlink::{
+        dialect::{DISTANCE_SENSOR_DATA, MavFrame, ODOMETRY_DATA},
+        fields,
+    },
+    msg::{DeckStage, DroneState, Header, Message as _, RangeSample, SetPoint},
+    time::Span,
+    topics,
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::config::AutopilotLinkConfig;
-use super::heading::HeadingAlignment;
-use super::inputs::LinkInputs;
-use super::message::wide;
-use super::modes::Firmware;
-use super::origin::AutopilotOrigin;
-use super::thrust::HoverThrust;
-use super::{DroneTime, Output, OutputHeaders};
-use crate::odometry::wind::WindMonitor;
-use crate::odometry::{Odometry, OdometryConfig};
-use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
+use super::{
+    DroneTime, Output, OutputHeaders, config::AutopilotLinkConfig, heading::HeadingAlignment,
+    inputs::LinkInputs, message::wide, modes::Firmware, origin::AutopilotOrigin, thrust::HoverThrust,
+};
+use crate::{
+    odometry::{Odometry, OdometryConfig, wind::WindMonitor},
+    range_witness::{BELOW_FEET_M, RangeWitness, disagree},
+};
 
 const MAX_IMU_OFFSET: Span = Span::from_millis(50);
 /// Maximum time over which an attitude is propagated by its rates.
@@ -432,8 +433,7 @@ impl DroneEstimate {
 
 #[cfg(test)]
 mod tests {
-    use super::super::message::narrow;
-    use super::*;
+    use super::{super::message::narrow, *};
     use MavFrame::{MAV_FRAME_BODY_FRD, MAV_FRAME_LOCAL_NED};
     use alight_shared::frames::yaw_rotation;
 

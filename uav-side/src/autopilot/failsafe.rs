@@ -8,12 +8,13 @@
 //!
 //! Sources: PX4's `failsafe/framework.cpp` and `Commander` (1.16); ArduCopter's `events.cpp` (4.6).
 
-use alight_shared::msg::AutopilotMode;
-use alight_shared::time::Span;
+use alight_shared::{msg::AutopilotMode, time::Span};
 
-use super::message::{CommandLong, severity};
-use super::peer::MavlinkPeer;
-use super::{AutopilotOut, DroneTime};
+use super::{
+    AutopilotOut, DroneTime,
+    message::{CommandLong, severity},
+    peer::MavlinkPeer,
+};
 
 /// Maximum time between the mode change and its evidence: PX4's heartbeat comes once a second.
 const EVIDENT_WITHIN: Span = Span::from_millis(1100);
@@ -111,10 +112,14 @@ impl FailsafeMonitor {
 
 #[cfg(test)]
 mod tests {
-    use super::super::config::AutopilotLinkConfig;
-    use super::super::message::{Address, MavlinkMessage, ParameterValue};
-    use super::super::modes::Firmware;
-    use super::*;
+    use super::{
+        super::{
+            config::AutopilotLinkConfig,
+            message::{Address, MavlinkMessage, ParameterValue},
+            modes::Firmware,
+        },
+        *,
+    };
     use alight_shared::time::Time;
 
     const TO: Address = Address::new(1, 1);

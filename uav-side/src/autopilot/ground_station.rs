@@ -1,21 +1,25 @@
 //! Landing reports to a ground station through the autopilot: a text for each change of the mission's state
 //! and for each alarm, and four named values at a low rate.
 
-use alight_shared::admission::Periodic;
-use alight_shared::mavlink::dialect::NAMED_VALUE_FLOAT_DATA;
-use alight_shared::msg::{MissionState, ReasonCode, State, Wind};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    mavlink::dialect::NAMED_VALUE_FLOAT_DATA,
+    msg::{MissionState, ReasonCode, State, Wind},
+    time::{DroneClock, Span},
+};
 use nalgebra::Vector3;
 
-use super::clock::RemoteClock;
-use super::drone_state::DroneEstimate;
-use super::inputs::LinkInputs;
-use super::message::{MavMessage, MavlinkMessage, chars, severity};
-use super::moving_base::RelativeReports;
-use super::rc_switch::RcSwitch;
-use super::station::StationOrders;
-use super::station_parameters::StationParameters;
-use super::{AutopilotOut, DroneTime};
+use super::{
+    AutopilotOut, DroneTime,
+    clock::RemoteClock,
+    drone_state::DroneEstimate,
+    inputs::LinkInputs,
+    message::{MavMessage, MavlinkMessage, chars, severity},
+    moving_base::RelativeReports,
+    rc_switch::RcSwitch,
+    station::StationOrders,
+    station_parameters::StationParameters,
+};
 
 const VALUES: Span = Span::from_millis(500);
 /// Time for which the mission must wait for one condition before it is reported.
@@ -195,8 +199,10 @@ fn status_text(severity: u8, text: &str) -> MavlinkMessage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::{Header, Reason};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        msg::{Header, Reason},
+        time::Time,
+    };
 
     fn state(state: State, since_s: f64, code: ReasonCode) -> MissionState {
         MissionState {

@@ -6,10 +6,12 @@
 
 use alight_shared::msg::AutopilotMode;
 
-use super::config::DisarmConfig;
-use super::disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_MPS};
-use super::message::severity;
-use super::{AutopilotLink, AutopilotOut, DroneTime};
+use super::{
+    AutopilotLink, AutopilotOut, DroneTime,
+    config::DisarmConfig,
+    disarm::{ContactEvidence, DisarmDecision, PRESS_BELOW_BLIND_M, RESTS_MPS},
+    message::severity,
+};
 
 /// Duration of the evidence, s. A drone that hovers low over a deck in waves does not hold it for so long.
 const HOLD_S: f64 = 1.0;

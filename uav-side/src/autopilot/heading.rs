@@ -6,9 +6,7 @@
 //! absolute position implies alignment. Without a status, a heading that has not jumped for [`STEADY_S`]
 //! counts as aligned.
 
-use alight_shared::mavlink::dialect::EstimatorStatusFlags as Flags;
-use alight_shared::msg::DroneState;
-use alight_shared::time::Span;
+use alight_shared::{mavlink::dialect::EstimatorStatusFlags as Flags, msg::DroneState, time::Span};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::DroneTime;
@@ -74,8 +72,10 @@ impl HeadingAlignment {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::{wxyz, yaw_rotation};
-    use alight_shared::msg::Header;
+    use alight_shared::{
+        frames::{wxyz, yaw_rotation},
+        msg::Header,
+    };
 
     fn at(s: f64) -> DroneTime {
         DroneTime::from_secs(s)

@@ -1,19 +1,23 @@
 //! Inbound messages: heartbeats, clocks, samples and answers.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::{self, EKF_STATUS_REPORT, Message as _, MessageData as _, dialect as m, fields};
-use alight_shared::msg::{CommandKind, DroneState, LandedState};
-use alight_shared::time::Span;
-
-use super::message::{
-    self, Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkFrame, MavlinkMessage,
-    ParameterValue, command_ack, result_name, severity, text, version, wide,
+use alight_shared::{
+    geodesy::Datum,
+    mavlink::{self, EKF_STATUS_REPORT, Message as _, MessageData as _, dialect as m, fields},
+    msg::{CommandKind, DroneState, LandedState},
+    time::Span,
 };
-use super::modes::Firmware;
-use super::orders::named;
-use super::peer::MavlinkPeer;
-use super::station::{Answer, CommandOutcome, Repetition, StationCommand};
-use super::{AutopilotLink, AutopilotOut, DroneTime, Output, drone_state};
+
+use super::{
+    AutopilotLink, AutopilotOut, DroneTime, Output, drone_state,
+    message::{
+        self, Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkFrame, MavlinkMessage,
+        ParameterValue, command_ack, result_name, severity, text, version, wide,
+    },
+    modes::Firmware,
+    orders::named,
+    peer::MavlinkPeer,
+    station::{Answer, CommandOutcome, Repetition, StationCommand},
+};
 
 /// Factor of `SCALED_IMU`, m/s² per mG.
 const MILLI_G: f64 = 9.806_65e-3;

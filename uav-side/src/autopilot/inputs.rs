@@ -1,13 +1,15 @@
 //! Newest message from each of the other nodes, and shadow mode, in which the pilot node's set-points are
 //! only compared with the drone's motion.
 
-use alight_shared::admission::Latest;
-use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, LandingMode, MissionState, Motors, Phase, SetPoint, SetPointKind,
-    ShadowComparison, State, VesselLevel,
+use alight_shared::{
+    admission::Latest,
+    msg::{
+        DeckForecast, DeckStage, DroneState, LandingMode, MissionState, Motors, Phase, SetPoint,
+        SetPointKind, ShadowComparison, State, VesselLevel,
+    },
+    time::Span,
+    topics,
 };
-use alight_shared::time::Span;
-use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 
 use super::{AutopilotIn, DroneTime};

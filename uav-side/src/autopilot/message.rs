@@ -1,16 +1,20 @@
 //! Messages of the link: those of MAVLink's `common` dialect as they are, and typed ones where units, optional values
 //! or other dialects need them. [`super::wire`] encodes and decodes them; tests simulate an autopilot without bytes.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::dialect::{self as m, MavParamType};
 pub use alight_shared::mavlink::dialect::{
     MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavType,
 };
-use alight_shared::mavlink::{self, CharArray, fields};
+use alight_shared::{
+    geodesy::Datum,
+    mavlink::{
+        self, CharArray,
+        dialect::{self as m, MavParamType},
+        fields,
+    },
+};
 use serde::{Deserialize, Serialize};
 
-use super::place_report::AisReport;
-use super::receiver::RelativeReport;
+use super::{place_report::AisReport, receiver::RelativeReport};
 
 /// Severity of a text.
 pub mod severity {

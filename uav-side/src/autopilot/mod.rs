@@ -59,16 +59,18 @@ pub use authority::ControlAuthority;
 pub use config::{AutopilotLinkConfig, DeckMessage, Diversion};
 pub use disarm::DisarmInhibit;
 
-use alight_shared::admission::Periodic;
-use alight_shared::bus::wiring;
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
-    LinkCheckpoint, MissionState, OwnMission, Phase, RangeSample, Reason, ReasonCode, RelativePlace,
-    RtcmFrames, SetPoint, SettingsOrder, State,
+use alight_shared::{
+    admission::Periodic,
+    bus::wiring,
+    geometry::DroneGeometry,
+    msg::{
+        AutopilotMode, AutopilotState, Command, DeckBeacon, DeckForecast, DroneState, Header, LandedState,
+        LinkCheckpoint, MissionState, OwnMission, Phase, RangeSample, Reason, ReasonCode, RelativePlace,
+        RtcmFrames, SetPoint, SettingsOrder, State,
+    },
+    node::Node,
+    time::{DroneClock, DroneTime, Span},
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, DroneTime, Span};
 use serde::{Deserialize, Serialize};
 
 use crate::odometry::OdometryConfig;

@@ -1,11 +1,12 @@
 //! Flight mode numbers of PX4 and ArduCopter.
 
-use alight_shared::autopilot_parameters::Maker;
-use alight_shared::msg::AutopilotMode;
+use alight_shared::{autopilot_parameters::Maker, msg::AutopilotMode};
 use serde::{Deserialize, Serialize};
 
-use super::config::Diversion;
-use super::message::{MavAutopilot, MavType, ParameterValue};
+use super::{
+    config::Diversion,
+    message::{MavAutopilot, MavType, ParameterValue},
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Firmware {

@@ -5,15 +5,20 @@
 //! as `GPS_RTCM_DATA`.
 //! Source: MAVLink's definition of `GPS_RTCM_DATA`.
 
-use alight_shared::estimation::{Rollover, SourceClock};
-use alight_shared::mavlink::dialect::{GPS_RTCM_DATA_DATA, MavMessage};
-use alight_shared::msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrames};
-use alight_shared::time::{DroneClock, Span};
-use alight_shared::{rtcm, topics};
+use alight_shared::{
+    estimation::{Rollover, SourceClock},
+    mavlink::dialect::{GPS_RTCM_DATA_DATA, MavMessage},
+    msg::{CarrierSolution, Header, Message as _, RelativePlace, RelativeState, RtcmFrames},
+    rtcm,
+    time::{DroneClock, Span},
+    topics,
+};
 
-use super::message::severity;
-use super::receiver::{MAX_SD_M, RelativeReport, WEEK_NS};
-use super::{AutopilotOut, DroneTime, Output, OutputHeaders};
+use super::{
+    AutopilotOut, DroneTime, Output, OutputHeaders,
+    message::severity,
+    receiver::{MAX_SD_M, RelativeReport, WEEK_NS},
+};
 
 const FRAGMENT_BYTES: usize = 180;
 /// Maximum number of fragments per frame: the fragment number has two bits.

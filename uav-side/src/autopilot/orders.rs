@@ -1,9 +1,11 @@
 //! Order to the mission, repeated until the mission accepts or rejects it or it expires.
 
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::DroneClock;
-use alight_shared::topics;
+use alight_shared::{
+    admission::Retransmission,
+    msg::{Command, CommandKind, Header, MissionState},
+    time::DroneClock,
+    topics,
+};
 
 use super::DroneTime;
 

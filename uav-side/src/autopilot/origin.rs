@@ -1,15 +1,19 @@
 //! Origin of the autopilot's NED, which the drone also uses.
 
-use alight_shared::admission::Periodic;
-use alight_shared::geodesy::Datum;
-use alight_shared::geoid;
-use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    geodesy::Datum,
+    geoid,
+    mavlink::{MessageData as _, dialect as m},
+    time::{DroneClock, Span},
+};
 use nalgebra::Vector3;
 
-use super::DroneTime;
-use super::message::{Address, CommandLong};
-use super::modes::Firmware;
+use super::{
+    DroneTime,
+    message::{Address, CommandLong},
+    modes::Firmware,
+};
 
 /// Request period once the origin is known; a restarted estimator moves the origin.
 const KNOWN: Span = Span::from_millis(5000);

@@ -1,30 +1,30 @@
 //! Outbound set-points from the pilot node, and commands to disarm, divert and arm.
 
-use alight_shared::admission::Periodic;
-use alight_shared::frames::wxyz;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{
-    AutopilotMode, BatteryPlace, Header, LandedState, Motors, PlanStage, ReasonCode, SetPoint, SetPointKind,
-    State, still_armed, still_armed_s,
+use alight_shared::{
+    admission::Periodic,
+    frames::wxyz,
+    geodesy::Datum,
+    geometry::GRAVITY,
+    msg::{
+        AutopilotMode, BatteryPlace, Header, LandedState, Motors, PlanStage, ReasonCode, SetPoint,
+        SetPointKind, State, still_armed, still_armed_s,
+    },
+    time::{DroneClock, Span},
 };
-use alight_shared::time::{DroneClock, Span};
 use nalgebra::Vector3;
 
-use super::config::{DisarmConfig, Diversion};
-use super::disarm::{self, ContactEvidence, DisarmDecision};
-use super::message::{
-    Address, AttitudeThrustTarget, CommandLong, MavCmd, MavlinkMessage, PositionTarget, severity,
-};
-use super::modes::Firmware;
-use super::set_point_loss::SetPointLossMonitor;
-use super::take_off::TakeOffSequence;
-use super::thrust::{self, SentThrust};
 use super::{
-    AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, HELD_LOW, STILL_ARMED, UNDECIDED,
+    AutopilotLink, AutopilotOut, ControlAuthority, DisarmInhibit, DroneTime, HELD_LOW, STILL_ARMED,
+    UNDECIDED,
+    config::{DisarmConfig, Diversion},
+    disarm::{self, ContactEvidence, DisarmDecision},
+    message::{Address, AttitudeThrustTarget, CommandLong, MavCmd, MavlinkMessage, PositionTarget, severity},
+    modes::Firmware,
+    set_point_loss::SetPointLossMonitor,
+    take_off::TakeOffSequence,
+    thrust::{self, SentThrust},
 };
-use crate::flatness::attitude_of_thrust;
-use crate::tracking::steer;
+use crate::{flatness::attitude_of_thrust, tracking::steer};
 
 /// Repetition period of a set-point, s: 50 Hz.
 const REPEAT_S: f64 = 0.02;

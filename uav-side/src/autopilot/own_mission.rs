@@ -17,15 +17,19 @@
 //! Sources: PX4 `MavlinkMissionManager::send_mission_current`, its `Commander` (Mission to Loiter when finished);
 //! ArduPilot `GCS_MAVLINK::send_mission_current`, `ModeAuto::exit_mission`.
 
-use alight_shared::admission::Periodic;
-use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_shared::msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    mavlink::{MessageData as _, dialect as m},
+    msg::{AutopilotMode, LinkCheckpoint, MissionState, OwnMission, ReasonCode, State},
+    time::{DroneClock, Span},
+};
 
-use super::message::{CommandLong, MavCmd, severity};
-use super::modes::Firmware;
-use super::peer::MavlinkPeer;
-use super::{AutopilotOut, ControlAuthority, DroneTime};
+use super::{
+    AutopilotOut, ControlAuthority, DroneTime,
+    message::{CommandLong, MavCmd, severity},
+    modes::Firmware,
+    peer::MavlinkPeer,
+};
 
 /// Request period of the mission's state while ArduCopter flies it.
 const ASK: Span = Span::from_millis(1000);

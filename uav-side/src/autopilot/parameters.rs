@@ -1,16 +1,20 @@
 //! Checks the autopilot parameters that affect a landing.
 
-use alight_shared::autopilot_parameters::{
-    Parameter, REQUESTS, Severity, THRUST_OPTION, Version, Versions, Wanted,
+use alight_shared::{
+    autopilot_parameters::{Parameter, REQUESTS, Severity, THRUST_OPTION, Version, Versions, Wanted},
+    mavlink::{
+        MessageData as _,
+        dialect::{AUTOPILOT_VERSION_DATA, PARAM_REQUEST_READ_DATA},
+    },
+    msg::{AutopilotMode, Reason, ReasonCode},
+    time::Span,
 };
-use alight_shared::mavlink::MessageData as _;
-use alight_shared::mavlink::dialect::{AUTOPILOT_VERSION_DATA, PARAM_REQUEST_READ_DATA};
-use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
-use alight_shared::time::Span;
 
-use super::DroneTime;
-use super::message::{Address, CommandLong, MavMessage, MavlinkMessage, ParameterValue, chars};
-use super::modes::Firmware;
+use super::{
+    DroneTime,
+    message::{Address, CommandLong, MavMessage, MavlinkMessage, ParameterValue, chars},
+    modes::Firmware,
+};
 
 const SPACING: Span = Span::from_millis(20);
 /// Time allowed for an answer: several times the delay of a telemetry radio.
@@ -273,8 +277,7 @@ impl Parameters {
 
 #[cfg(test)]
 mod tests {
-    use super::super::message::text;
-    use super::*;
+    use super::{super::message::text, *};
     use alight_shared::time::Time;
 
     const TO: Address = Address::new(1, 1);

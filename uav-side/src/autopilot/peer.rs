@@ -1,17 +1,21 @@
 //! Reports of the autopilot, each with its time.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::dialect::{BATTERY_STATUS_DATA, MavLandedState};
-use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::Span;
+use alight_shared::{
+    geodesy::Datum,
+    mavlink::dialect::{BATTERY_STATUS_DATA, MavLandedState},
+    msg::{AutopilotMode, LandedState},
+    time::Span,
+};
 
-use super::DroneTime;
-use super::config::AutopilotLinkConfig;
-use super::message::{Address, MavModeFlag};
-use super::modes::Firmware;
-use super::parameters::Parameters;
-use super::rotors::RotorOutputs;
-use super::streams::MessageStreams;
+use super::{
+    DroneTime,
+    config::AutopilotLinkConfig,
+    message::{Address, MavModeFlag},
+    modes::Firmware,
+    parameters::Parameters,
+    rotors::RotorOutputs,
+    streams::MessageStreams,
+};
 
 const THRUST_STALE: Span = Span::from_millis(300);
 /// Maximum reported thrust of rotors at rest.

@@ -4,13 +4,19 @@
 //! loss of the remote control, give none, so a switch left on high does not start a landing. The mission
 //! applies its own rules to the command.
 
-use alight_shared::mavlink::dialect::{MavSysStatusSensor, RC_CHANNELS_DATA};
-use alight_shared::mavlink::fields;
-use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    mavlink::{
+        dialect::{MavSysStatusSensor, RC_CHANNELS_DATA},
+        fields,
+    },
+    msg::{Command, CommandKind, Header, MissionState},
+    time::{DroneClock, Span},
+};
 
-use super::DroneTime;
-use super::orders::{self, SentCommand};
+use super::{
+    DroneTime,
+    orders::{self, SentCommand},
+};
 
 /// Silence of the channel after which the remote control counts as lost.
 const LOST: Span = Span::from_millis(600);
@@ -185,8 +191,10 @@ fn pulse_us(channel: u8, d: &RC_CHANNELS_DATA) -> Option<u16> {
 mod tests {
     use super::*;
     use CommandKind::{Abort, Land};
-    use alight_shared::msg::{ReasonCode, State};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        msg::{ReasonCode, State},
+        time::Time,
+    };
 
     const CHANNEL: u8 = 7;
     const RECEIVER: MavSysStatusSensor = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_RC_RECEIVER;

@@ -9,8 +9,10 @@ use std::collections::VecDeque;
 
 use alight_shared::msg::CarrierSolution;
 use serde::{Deserialize, Serialize};
-use ublox::proto27::{PacketRef, Proto27};
-use ublox::{FixedBuffer, Parser, UbxPacket};
+use ublox::{
+    FixedBuffer, Parser, UbxPacket,
+    proto27::{PacketRef, Proto27},
+};
 
 /// Buffer for an unfinished message, bytes: exceeds the longest message decoded.
 const MAX_WAITING: usize = 2048;

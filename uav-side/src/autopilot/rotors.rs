@@ -5,9 +5,10 @@
 //! disarmed and with those a moment ago, so their protocol and order do not matter. The heartbeat that reports arming
 //! may arrive a second after the rotors start, so older outputs serve as the values at rest.
 
-use alight_shared::mavlink::dialect::SERVO_OUTPUT_RAW_DATA;
-use alight_shared::mavlink::fields;
-use alight_shared::time::Span;
+use alight_shared::{
+    mavlink::{dialect::SERVO_OUTPUT_RAW_DATA, fields},
+    time::Span,
+};
 
 use super::DroneTime;
 

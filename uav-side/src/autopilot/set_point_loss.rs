@@ -11,10 +11,7 @@
 
 use alight_shared::msg::AutopilotMode;
 
-use super::DroneTime;
-use super::clock::RemoteClock;
-use super::modes::Firmware;
-use super::peer::MavlinkPeer;
+use super::{DroneTime, clock::RemoteClock, modes::Firmware, peer::MavlinkPeer};
 
 /// Time without a set-point that counts as a gap, s: five periods.
 const GAP_S: f64 = 0.1;

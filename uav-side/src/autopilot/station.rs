@@ -15,14 +15,17 @@
 //! out each time, because another operator may have ordered a landing in the meantime. Any sender on the autopilot's
 //! link can also fly the drone without Alight; `signing_key` protects against both.
 
-use alight_shared::admission::Periodic;
-use alight_shared::admission::command::UNAWARE_OF_ABORT;
-use alight_shared::msg::{Command, CommandKind, Header, MissionState, Station};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::{Periodic, command::UNAWARE_OF_ABORT},
+    msg::{Command, CommandKind, Header, MissionState, Station},
+    time::{DroneClock, Span},
+};
 
-use super::DroneTime;
-use super::message::{Address, MavCmd, MavResult, MavlinkMessage, command_ack};
-use super::orders::{self, SentCommand};
+use super::{
+    DroneTime,
+    message::{Address, MavCmd, MavResult, MavlinkMessage, command_ack},
+    orders::{self, SentCommand},
+};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StationCommand {

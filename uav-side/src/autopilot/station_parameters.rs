@@ -7,15 +7,19 @@
 //! a link that crashed as well recovers the mode but not the heights. Values are REAL32, for which MAVLink's bytewise
 //! and C-cast encodings coincide.
 
-use alight_shared::admission::Retransmission;
-use alight_shared::config::ConfigError;
-use alight_shared::msg::{LandingMode, MissionSettings, MissionState, SettingsOrder};
-use alight_shared::time::DroneClock;
-use alight_shared::topics;
+use alight_shared::{
+    admission::Retransmission,
+    config::ConfigError,
+    msg::{LandingMode, MissionSettings, MissionState, SettingsOrder},
+    time::DroneClock,
+    topics,
+};
 
-use super::message::{Address, MavlinkMessage, ParameterValue, parameter, severity};
-use super::station::UNSIGNED;
-use super::{AutopilotLink, AutopilotOut, DroneTime, Output};
+use super::{
+    AutopilotLink, AutopilotOut, DroneTime, Output,
+    message::{Address, MavlinkMessage, ParameterValue, parameter, severity},
+    station::UNSIGNED,
+};
 use crate::mission_config::MissionConfig;
 
 /// Rounding steps per unit: single precision resolves a thousandth of a height.
@@ -297,8 +301,7 @@ impl AutopilotLink {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
     use proptest::prelude::*;
 
     fn at(s: f64) -> DroneTime {

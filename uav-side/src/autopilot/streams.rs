@@ -1,12 +1,16 @@
 //! Message rates; they are requested from the autopilot again when they are too low.
 
-use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m};
-use alight_shared::time::Span;
+use alight_shared::{
+    mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m},
+    time::Span,
+};
 
-use super::DroneTime;
-use super::config::AutopilotLinkConfig;
-use super::message::{Address, CommandLong, MavCmd, MavResult};
-use super::modes::Firmware;
+use super::{
+    DroneTime,
+    config::AutopilotLinkConfig,
+    message::{Address, CommandLong, MavCmd, MavResult},
+    modes::Firmware,
+};
 
 const REQUEST_SPACING_S: f64 = 0.02;
 /// Period of the check of each stream's rate, s.

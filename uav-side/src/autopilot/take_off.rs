@@ -9,15 +9,19 @@
 //! set-points stopped in the meantime, the autopilot may have lifted the drone. Until two witnesses show that it
 //! stands, a thrust too low to carry it is replaced by a small climb and a hold.
 
-use alight_shared::admission::Periodic;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointKind, State};
-use alight_shared::time::{DroneClock, Span};
+use alight_shared::{
+    admission::Periodic,
+    geometry::GRAVITY,
+    msg::{AutopilotMode, LandedState, Motors, SetPoint, SetPointKind, State},
+    time::{DroneClock, Span},
+};
 use nalgebra::Vector3;
 
-use super::message::{CommandLong, MavCmd, MavResult, result_name, severity};
-use super::modes::Firmware;
-use super::{AutopilotLink, AutopilotOut, ControlAuthority, DroneTime};
+use super::{
+    AutopilotLink, AutopilotOut, ControlAuthority, DroneTime,
+    message::{CommandLong, MavCmd, MavResult, result_name, severity},
+    modes::Firmware,
+};
 use crate::standing::{StandingMonitor, StandingVerdict, by_height};
 
 /// Duration of a set-point stream before PX4 accepts OFFBOARD.

@@ -17,17 +17,17 @@ pub mod regression;
 mod tests;
 
 pub use alight_shared::estimation::ValueWithSd;
-use alight_shared::estimation::quantile;
-use alight_shared::frames::body_from_camera;
-use alight_shared::msg::{DroneState, Message, TagPose, VesselEstimate};
-use alight_shared::time::{DroneClock, DroneTime};
-use alight_shared::vessel_model::{PITCH, ROLL, YAW};
+use alight_shared::{
+    estimation::quantile,
+    frames::body_from_camera,
+    msg::{DroneState, Message, TagPose, VesselEstimate},
+    time::{DroneClock, DroneTime},
+    vessel_model::{PITCH, ROLL, YAW},
+};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
-use crate::predictor::placement::placed;
-use crate::predictor::track::DroneTrack;
-use crate::predictor::{PredictorConfig, PredictorIn};
+use crate::predictor::{PredictorConfig, PredictorIn, placement::placed, track::DroneTrack};
 use regression::{Information, mean, regress};
 
 /// Period above which changes are attributed to the receivers, s. Chosen: two periods of a 5 s sea.

@@ -1,6 +1,8 @@
-use alight_shared::frames::{wxyz, yaw_rotation};
-use alight_shared::msg::{Header, f16};
-use alight_shared::time::Time;
+use alight_shared::{
+    frames::{wxyz, yaw_rotation},
+    msg::{Header, f16},
+    time::Time,
+};
 
 use super::*;
 

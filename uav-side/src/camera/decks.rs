@@ -66,8 +66,7 @@ fn around_largest(detected: &[DetectedTag]) -> Option<Vec<usize>> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::square_pose::corners_of;
-    use super::*;
+    use super::{super::square_pose::corners_of, *};
     use alight_shared::geometry::DeckGeometry;
     use nalgebra::UnitQuaternion;
 

@@ -1,14 +1,18 @@
 //! Detection of the deck's tags in family 36h11.
 
-use alight_shared::config;
-use alight_shared::tags::{DeckTag, MAX_TAGS, Tags};
+use alight_shared::{
+    config,
+    tags::{DeckTag, MAX_TAGS, Tags},
+};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::apriltag::{Family, Library};
-use super::image::GreyImage;
-use super::light::TagLight;
-use super::motion_blur::motion_blur_px2;
+use super::{
+    apriltag::{Family, Library},
+    image::GreyImage,
+    light::TagLight,
+    motion_blur::motion_blur_px2,
+};
 
 const MAX_DETECTIONS: usize = 64;
 
@@ -164,8 +168,7 @@ fn well_shaped(p: &[Vector2<f64>; 4], min_side: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::cells;
-    use super::*;
+    use super::{super::layout::cells, *};
     use proptest::prelude::*;
 
     fn one(id: u16) -> Tags {

@@ -4,9 +4,11 @@
 use alight_shared::tags::{ForeignTag, Tags};
 use nalgebra::Vector2;
 
-use super::apriltag::{Family, Library};
-use super::detector::TagSettings;
-use super::image::GreyImage;
+use super::{
+    apriltag::{Family, Library},
+    detector::TagSettings,
+    image::GreyImage,
+};
 
 pub struct ForeignTags {
     tags: Tags,
@@ -170,8 +172,7 @@ fn with_other_rows(image: &GreyImage) -> Option<(u16, GreyImage)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::layout::cells;
-    use super::*;
+    use super::{super::layout::cells, *};
     use alight_shared::tags::DeckTag;
     use proptest::prelude::*;
 

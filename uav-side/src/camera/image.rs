@@ -1,11 +1,12 @@
 //! Grey image of bounded size, and its file format PGM.
 
-use alight_shared::config::{ConfigError, Keys};
-use alight_shared::time::{DroneClock, Time};
-use alight_shared::wire::hash_bytes;
+use alight_shared::{
+    config::{ConfigError, Keys},
+    time::{DroneClock, Time},
+    wire::hash_bytes,
+};
 use nalgebra::Vector2;
-use serde::de::Error;
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 use thiserror::Error;
 
 /// Minimum side of an image, px: a tag needs 10 cells, and the detector works on tiles.

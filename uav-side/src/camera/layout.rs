@@ -1,13 +1,13 @@
 //! Layout of a deck's tags, and the positions from which the camera sees a complete tag.
 
-use alight_shared::frames::body_from_camera;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::tags::{DeckTag, MARGIN};
+use alight_shared::{
+    frames::body_from_camera,
+    geometry::{DeckGeometry, DroneGeometry},
+    tags::{DeckTag, MARGIN},
+};
 use nalgebra::{Rotation3, Vector3};
 
-use super::CameraSettings;
-use super::motion_blur::width_px;
-use super::square_pose::corners_of;
+use super::{CameraSettings, motion_blur::width_px, square_pose::corners_of};
 
 /// Codes of family 36h11 by number, from the library of its authors (Wang and Olson 2016; BSD licence): 6 x 6 cells,
 /// rows from the top, most significant bit first, 1 white.

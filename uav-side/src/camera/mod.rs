@@ -20,8 +20,10 @@ mod refine;
 pub mod square_pose;
 pub mod uvdar;
 
-use alight_shared::config;
-use alight_shared::frames::{Camera, Rotation};
+use alight_shared::{
+    config,
+    frames::{Camera, Rotation},
+};
 
 pub use detector::TagSettings;
 pub use image::{CameraFrame, GreyImage, ImageError};

@@ -1,23 +1,26 @@
 //! Camera node: deck pose and covariance from the tags in images.
 
-use alight_shared::bus::wiring;
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::msg::{CameraLight, Header, TagPose};
-use alight_shared::node::Node;
-use alight_shared::tags::Tags;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    bus::wiring,
+    geometry::DeckGeometry,
+    msg::{CameraLight, Header, TagPose},
+    node::Node,
+    tags::Tags,
+    time::{DroneClock, Span, Time},
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::decks;
-use super::detector::{TagCounts, TagDetection, TagDetector, TagSettings};
-use super::image::{CameraFrame, GreyImage};
-use super::light::{ImageLight, TagLight, mean_level};
-use super::marked::MarkedImage;
-use super::metering::{Exposed, Light};
-use super::motion_blur::width_px;
-use super::square_pose::{DetectedTag, solve};
-use super::{CameraSettings, Lens};
+use super::{
+    CameraSettings, Lens, decks,
+    detector::{TagCounts, TagDetection, TagDetector, TagSettings},
+    image::{CameraFrame, GreyImage},
+    light::{ImageLight, TagLight, mean_level},
+    marked::MarkedImage,
+    metering::{Exposed, Light},
+    motion_blur::width_px,
+    square_pose::{DetectedTag, solve},
+};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CameraIdentity {
@@ -315,8 +318,7 @@ impl Node for CameraNode {
 
 #[cfg(test)]
 mod tests {
-    use super::super::square_pose::corners_of;
-    use super::*;
+    use super::{super::square_pose::corners_of, *};
     use alight_shared::tags::DeckTag;
 
     #[test]

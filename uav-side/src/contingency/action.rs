@@ -117,11 +117,9 @@ impl ContingencyInput<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::below::Body;
-    use super::*;
+    use super::{super::below::Body, *};
     use crate::fixtures::{airborne, forecast, header, level, mission};
-    use alight_shared::geometry::DroneGeometry;
-    use alight_shared::time::Time;
+    use alight_shared::{geometry::DroneGeometry, time::Time};
     use nalgebra::{UnitQuaternion, Vector3};
 
     /// Action with or without a plan and a fresh mission message, at this clearance (m).

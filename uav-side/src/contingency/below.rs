@@ -1,10 +1,12 @@
 //! State of the drone relative to the deck below it.
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::landing::FRICTION;
-use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
-use alight_shared::surroundings::Surroundings;
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    landing::FRICTION,
+    msg::{DeckForecast, DeckStage, DroneState},
+    surroundings::Surroundings,
+    time::DroneTime,
+};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::climb::BELOW_M;

@@ -1,11 +1,15 @@
 //! Descent without a plan, or with an outdated plan.
 
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::PlanStage;
+use alight_shared::{
+    geometry::{DroneGeometry, GRAVITY},
+    msg::PlanStage,
+};
 use nalgebra::Vector3;
 
-use super::below::{Body, DeckBelow};
-use super::climb::Climb;
+use super::{
+    below::{Body, DeckBelow},
+    climb::Climb,
+};
 use crate::flatness::attitude_of_thrust;
 
 /// Speed of a soft contact relative to the deck, m/s: that of the mission's flare.

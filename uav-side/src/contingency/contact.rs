@@ -6,14 +6,15 @@
 //! feet - half_span |sin(tilt)|`, where a climb is level and a landing ends aligned (`tilt = 0`). The forecast's error,
 //! which makes both contacts harder, is neglected.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
-use alight_shared::msg::{DeckForecast, DeckStage};
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    geometry::DroneGeometry,
+    landing::{MAX_MPS, MAX_TILT_RAD},
+    msg::{DeckForecast, DeckStage},
+    time::{DroneTime, Span},
+};
 use nalgebra::Vector3;
 
-use super::climb::Climb;
-use super::completion::SINK_MPS;
+use super::{climb::Climb, completion::SINK_MPS};
 
 /// Speed of a hard contact along the deck's normal, m/s: the limit of a good contact plus the speed's error.
 pub(crate) const HARD_MPS: f64 = 1.5;

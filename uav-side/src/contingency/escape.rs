@@ -1,8 +1,6 @@
 //! The vessel's escape direction, in which a drone leaves after it has climbed clear of the deck.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::DeckStage;
-use alight_shared::surroundings::Surroundings;
+use alight_shared::{geometry::DroneGeometry, msg::DeckStage, surroundings::Surroundings};
 use nalgebra::{Vector2, Vector3};
 
 use crate::surroundings::{in_deck, margin_m, ring_m};

@@ -1,12 +1,13 @@
 //! Position hold without mission or plan, and departure from a nearby deck.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::PlanStage;
+use alight_shared::{geometry::DroneGeometry, msg::PlanStage};
 use nalgebra::Vector2;
 
-use super::below::{Body, DeckBelow};
-use super::climb::Climb;
-use super::escape::escape_velocity;
+use super::{
+    below::{Body, DeckBelow},
+    climb::Climb,
+    escape::escape_velocity,
+};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Hold {

@@ -2,8 +2,10 @@
 
 use alight_shared::msg::{CommandKind, Phase, Reason, ReasonCode};
 
-use super::phase::{Decision, MissionPhase, MissionProgress};
-use super::situation::{ControlState, Situation};
+use super::{
+    phase::{Decision, MissionPhase, MissionProgress},
+    situation::{ControlState, Situation},
+};
 
 /// Reason why the decision does not carry out an order given in `phase` with the progress `before`; None if it does, or
 /// if the order is already fulfilled.

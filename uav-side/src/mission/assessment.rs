@@ -1,21 +1,27 @@
 //! Situation of a step from the newest inputs, and odds of a landing.
 
-use alight_shared::frames::{DroneNed, Vector};
-use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
-use alight_shared::msg::{
-    CameraLight, DeckGrant, DroneState, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode,
-    Solve, State, WaitingPlace,
+use alight_shared::{
+    frames::{DroneNed, Vector},
+    landing::{Slopes, Staying, SupportPolygon, WindPush},
+    msg::{
+        CameraLight, DeckGrant, DroneState, LandedState, Motors, OwnMission, PLACES, Phase, Reason,
+        ReasonCode, Solve, State, WaitingPlace,
+    },
+    time::{DroneClock, Time},
+    topics,
 };
-use alight_shared::time::{DroneClock, Time};
-use alight_shared::topics;
 use nalgebra::Vector2;
 
-use super::MissionNode;
-use super::outlook::Outlook;
-use super::reservation::{Reservation, stated_course};
-use super::situation::{Charges, ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence};
-use super::situation::{rotors_carry, several, tips_rad};
-use super::take_off;
+use super::{
+    MissionNode,
+    outlook::Outlook,
+    reservation::{Reservation, stated_course},
+    situation::{
+        Charges, ControlState, Deck, OwnState, Situation, SortieEvidence, TakeOffEvidence, rotors_carry,
+        several, tips_rad,
+    },
+    take_off,
+};
 use crate::contingency::outside_m;
 
 impl MissionNode {

@@ -6,12 +6,13 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::low_pass;
-use alight_shared::msg::{AutopilotState, KnownBattery, LandedState};
-use alight_shared::time::Span;
+use alight_shared::{
+    estimation::low_pass,
+    msg::{AutopilotState, KnownBattery, LandedState},
+    time::Span,
+};
 
-use super::phase::DroneTime;
-use super::sortie::Energy;
+use super::{phase::DroneTime, sortie::Energy};
 use crate::mission_config::MissionConfig;
 
 /// Maximum number of stored readings: over a minute at the rate of the autopilot's state.
@@ -290,8 +291,7 @@ impl BatteryMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     fn config() -> MissionConfig {
         MissionConfig::default()

@@ -15,11 +15,13 @@
 use alight_shared::msg::{BatteryPlace, LandingMode, LastResort, OwnMission, Phase, Reason, ReasonCode};
 use nalgebra::Vector2;
 
-use super::limits::{FOR_OPERATOR, HYSTERESIS, RESUME_DISTANCE_M};
-use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding, old_data};
-use super::reservation::Reservation;
-use super::situation::{Charges, ControlState, Deck, Situation};
-use super::sortie::ReturnLeg;
+use super::{
+    limits::{FOR_OPERATOR, HYSTERESIS, RESUME_DISTANCE_M},
+    phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, holding, old_data},
+    reservation::Reservation,
+    situation::{Charges, ControlState, Deck, Situation},
+    sortie::ReturnLeg,
+};
 use crate::mission_config::MissionConfig;
 
 /// Relative error of power, wind and times.

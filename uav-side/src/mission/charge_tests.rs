@@ -1,19 +1,23 @@
-use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryHere, BatteryHome, BatteryLow, BatteryRecovered, BatteryStopped, BatteryWaits,
-    Commanded, DeckGrantStale, NotCommanded, Operator, Permitted, Recovered,
+use alight_shared::msg::{
+    AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED, OwnMission,
+    ReasonCode::{
+        BatteryDeck, BatteryHere, BatteryHome, BatteryLow, BatteryRecovered, BatteryStopped, BatteryWaits,
+        Commanded, DeckGrantStale, NotCommanded, Operator, Permitted, Recovered,
+    },
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, DECK_CLOSED, OwnMission};
 use nalgebra::Vector2;
 use proptest::prelude::*;
 
 use BatteryPlace::{Deck, Here, Home};
 
-use super::charge::urgency;
-use super::phase::{HoldCause, holding};
-use super::reservation::Reservation;
-use super::situation::Charges;
-use super::tests::*;
-use super::*;
+use super::{
+    charge::urgency,
+    phase::{HoldCause, holding},
+    reservation::Reservation,
+    situation::Charges,
+    tests::*,
+    *,
+};
 
 fn charged(battery: f64) -> Situation {
     with(|s| s.battery = Some(battery))

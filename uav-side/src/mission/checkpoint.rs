@@ -3,22 +3,25 @@
 //! A mission that starts while the drone flies continues its predecessor's state or, without a usable checkpoint, makes
 //! the drone safe from its own inputs. Until then it publishes no state, and the pilot uses the last one.
 
-use alight_shared::admission::command::keep;
-use alight_shared::msg::{
-    Command, KeptStation, LastVessel, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State,
+use alight_shared::{
+    admission::command::keep,
+    msg::{
+        Command, KeptStation, LastVessel, Message as _, MissionCheckpoint, Phase, Reason, ReasonCode, State,
+    },
+    time::Span,
+    topics,
 };
-use alight_shared::time::Span;
-use alight_shared::topics;
 
-use super::cycles::Cycles;
-use super::limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M};
-use super::phase::{
-    DroneTime, HoldCause, MissionPhase, MissionProgress, RejectedOrder, climbing_out, gave_up, holding,
+use super::{
+    cycles::Cycles,
+    limits::{AWAY_M, CLIMB_S, HEAVE_M, LOST_OUTSIDE_M, RESUME_DISTANCE_M, STEADY_HEIGHT_M},
+    phase::{
+        DroneTime, HoldCause, MissionPhase, MissionProgress, RejectedOrder, climbing_out, gave_up, holding,
+    },
+    situation::{ControlState, Deck, Situation},
+    take_off::standing_down,
 };
-use super::situation::{ControlState, Deck, Situation};
-use super::take_off::standing_down;
-use crate::lift_off::LEFT_M;
-use crate::mission_config::MissionConfig;
+use crate::{lift_off::LEFT_M, mission_config::MissionConfig};
 use alight_shared::checkpoint::{CheckpointRejection, Recovery, validate};
 
 /// Time for which a starting mission waits for autopilot, odometry and forecast: five periods of the slowest.

@@ -21,15 +21,17 @@
 
 use alight_shared::msg::{BatteryPlace, OwnMission, Phase, Reason, ReasonCode};
 
-use super::charge::{charge, is_unordered};
-use super::checkpoint::{ends_softer, rests};
-use super::limits::exceeds;
-use super::phase::{
-    HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, hard_contact, holding, lasting,
-    old_data,
+use super::{
+    charge::{charge, is_unordered},
+    checkpoint::{ends_softer, rests},
+    limits::exceeds,
+    phase::{
+        HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, hard_contact, holding, lasting,
+        old_data,
+    },
+    situation::{ControlState, Deck, Situation},
+    take_off,
 };
-use super::situation::{ControlState, Deck, Situation};
-use super::take_off;
 use crate::mission_config::MissionConfig;
 
 pub(super) struct Concern {

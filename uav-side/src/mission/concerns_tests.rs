@@ -1,11 +1,13 @@
 use alight_shared::msg::AutopilotMode;
 use nalgebra::Vector3;
 
-use super::concerns::{AFTER_ORDERS, BEFORE_ORDERS};
-use super::phase::{HoldCause, Search};
-use super::situation::Deck;
-use super::tests::*;
-use super::*;
+use super::{
+    concerns::{AFTER_ORDERS, BEFORE_ORDERS},
+    phase::{HoldCause, Search},
+    situation::Deck,
+    tests::*,
+    *,
+};
 
 pub(super) fn states() -> Vec<(MissionPhase, MissionProgress)> {
     let (at, yaw) = (Vector3::new(0.0, 0.0, -16.3), 0.0);

@@ -9,9 +9,14 @@
 //!
 //! This module holds the cycles' state; `turnaround` holds the transitions.
 
-use alight_shared::msg::ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment, NotOnDeck, SortiesDone};
-use alight_shared::msg::{Reason, State};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    msg::{
+        Reason,
+        ReasonCode::{ArmedAgain, Disarmed, HardContact, NoMoment, NotOnDeck, SortiesDone},
+        State,
+    },
+    time::{DroneClock, Time},
+};
 
 use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;

@@ -1,16 +1,20 @@
-use alight_shared::msg::ReasonCode::{
-    ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRejected,
-    HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator, OrderedBack,
-    SeeksVessel, SortieBegins, SortiesDone, TakeOffTilted,
+use alight_shared::msg::{
+    AutopilotMode, BatteryPlace, CommandKind, OwnMission,
+    ReasonCode::{
+        ArmedAgain, ArmingRejected, BatteryHome, BatteryWaits, DoesNotRise, ForecastStale, HandOverRejected,
+        HandsOver, HardContact, MissionDone, NoMoment, NotCleared, NotOnDeck, NotReady, Operator,
+        OrderedBack, SeeksVessel, SortieBegins, SortiesDone, TakeOffTilted,
+    },
 };
-use alight_shared::msg::{AutopilotMode, BatteryPlace, CommandKind, OwnMission};
 use nalgebra::Vector2;
 
-use super::cycles::Cycles;
-use super::situation::SilentVessel;
-use super::take_off_tests::{permits, standing};
-use super::tests::{at, with};
-use super::*;
+use super::{
+    cycles::Cycles,
+    situation::SilentVessel,
+    take_off_tests::{permits, standing},
+    tests::{at, with},
+    *,
+};
 const LANDED: MissionPhase = MissionPhase::STANDS;
 
 fn cycling() -> MissionProgress {

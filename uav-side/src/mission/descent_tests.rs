@@ -1,16 +1,23 @@
-use alight_shared::msg::ReasonCode::{
-    Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings, TiltExcess,
-    TooSteep, VisionLost,
+use alight_shared::msg::{
+    CarrierSolution,
+    ReasonCode::{
+        Descending, Deviated, FlareHeight, Flaring, HarmLikely, LikelyTilted, Missed, NoPlan, Swings,
+        TiltExcess, TooSteep, VisionLost,
+    },
+    RelativeState,
 };
-use alight_shared::msg::{CarrierSolution, RelativeState};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use State::{Descent, Flare, Tracking, TrackingStable};
 
-use super::situation::{ClimbRoom, Deck, OwnState};
-use super::tests::Does::{Enter, Stay};
-use super::tests::*;
-use super::*;
+use super::{
+    situation::{ClimbRoom, Deck, OwnState},
+    tests::{
+        Does::{Enter, Stay},
+        *,
+    },
+    *,
+};
 use crate::fixtures::{drone, forecast, header, level};
 
 #[test]

@@ -1,11 +1,11 @@
 //! Tests of orders that wait or belong to a previous flight, and of doubtful deck heights.
 
-use alight_shared::msg::ReasonCode::{HeightsDisagree, NotCommanded, NotFlying, OffHeight, OrderExpired};
-use alight_shared::msg::{AutopilotMode, CommandKind};
+use alight_shared::msg::{
+    AutopilotMode, CommandKind,
+    ReasonCode::{HeightsDisagree, NotCommanded, NotFlying, OffHeight, OrderExpired},
+};
 
-use super::situation::Deck;
-use super::tests::*;
-use super::*;
+use super::{situation::Deck, tests::*, *};
 
 #[test]
 fn order_that_waits_for_a_flight() {

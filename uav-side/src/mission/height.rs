@@ -19,15 +19,15 @@
 //! contradict a height that the camera or a take-off from the deck confirms. A take-off level counts until the camera
 //! measures another deck level, so a drone with tags in view waits for no other witness.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::msg::{LandedState, RangeSample, Reason, ReasonCode};
-use alight_shared::time::Span;
-use alight_shared::topics;
+use alight_shared::{
+    estimation::low_pass,
+    msg::{LandedState, RangeSample, Reason, ReasonCode},
+    time::Span,
+    topics,
+};
 use nalgebra::Vector3;
 
-use super::MissionNode;
-use super::phase::DroneTime;
-use super::situation::relative_age_s;
+use super::{MissionNode, phase::DroneTime, situation::relative_age_s};
 use crate::mission_config::MissionConfig;
 
 /// Maximum rate at which the mean level follows the forecasts, m/s: many times the drift between two GNSS receivers.

@@ -1,13 +1,13 @@
-use alight_shared::msg::ReasonCode::{
-    Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
-    NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, Touchdown,
+use alight_shared::msg::{
+    AutopilotMode, CommandKind,
+    ReasonCode::{
+        Commanded, CompletesLanding, Deviated, FalseTouchdown, ForecastStale, HardContact, NotCommanded,
+        NotFlying, OdometryStale, Operator, OutOfRetries, Permitted, Recovered, Touchdown,
+    },
 };
-use alight_shared::msg::{AutopilotMode, CommandKind};
 use nalgebra::Vector3;
 
-use super::phase::HoldCause;
-use super::tests::*;
-use super::*;
+use super::{phase::HoldCause, tests::*, *};
 use crate::contingency::ContactOutcomes;
 
 #[test]

@@ -1,14 +1,11 @@
 //! Tests of the modes that precede a first landing: shadow and match.
 
-use alight_shared::msg::ReasonCode::{
-    BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost,
-};
 use alight_shared::msg::{
     AutopilotMode, AutopilotState, BatteryPlace, CommandKind, LandedState, LandingMode,
+    ReasonCode::{BatteryHome, DescendingTo, Matched, Matching, NotFlying, Operator, TooNear, VisionLost},
 };
 
-use super::tests::*;
-use super::*;
+use super::{tests::*, *};
 use crate::contingency::ContactOutcomes;
 
 fn matching() -> MissionConfig {

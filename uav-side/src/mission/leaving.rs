@@ -1,16 +1,22 @@
 //! Evidence for a take-off: its probability, rotor thrust, rise, and whether the drone stands.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{RangeSample, State};
-use alight_shared::topics;
+use alight_shared::{
+    geometry::GRAVITY,
+    msg::{RangeSample, State},
+    topics,
+};
 use nalgebra::Vector3;
 
-use super::MissionNode;
-use super::lift_off::LiftOffConditions;
-use super::phase::DroneTime;
-use super::situation::{ControlState, Situation, hover_thrust};
-use crate::lift_off::{LIES_BELOW_M, Rise};
-use crate::standing::{StandingMonitor, StandingVerdict, by_height, by_range};
+use super::{
+    MissionNode,
+    lift_off::LiftOffConditions,
+    phase::DroneTime,
+    situation::{ControlState, Situation, hover_thrust},
+};
+use crate::{
+    lift_off::{LIES_BELOW_M, Rise},
+    standing::{StandingMonitor, StandingVerdict, by_height, by_range},
+};
 
 /// Reported thrust above which the rotors turn, as a fraction of hover: a third of idle.
 const TURN_OF_HOVER: f64 = 0.1;

@@ -12,15 +12,18 @@
 //! must stay open at every time `s` of the forecast. Both probabilities are highest on a level deck at the top of its
 //! rise, because it then falls away below the drone.
 
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::landing::normal::{below, inside, norm, smaller};
-use alight_shared::landing::{MAX_MPS, WindPush};
-use alight_shared::msg::{DeckForecast, DeckStage, Reason, ReasonCode};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    geometry::{DroneGeometry, GRAVITY},
+    landing::{
+        MAX_MPS, WindPush,
+        normal::{below, inside, norm, smaller},
+    },
+    msg::{DeckForecast, DeckStage, Reason, ReasonCode},
+    time::{DroneClock, Span, Time},
+};
 use nalgebra::Vector3;
 
-use crate::contingency::Climb;
-use crate::mission_config::MissionConfig;
+use crate::{contingency::Climb, mission_config::MissionConfig};
 
 /// Time from the decision until the rotors carry the drone, s: two periods, the link, rotor lag, and part of the ramp.
 const LAG_S: f64 = 0.25;

@@ -74,17 +74,19 @@ pub use crate::mission_config::MissionConfig;
 pub use alight_shared::bus::wiring;
 use alight_shared::checkpoint::CheckpointRejection;
 
-use alight_shared::admission::{CommandAdmission, Latest};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::landing::{Odds, Staying};
-use alight_shared::msg::{
-    AutopilotState, CameraLight, Command, DeckForecast, DeckGrant, DroneState, Header, LastVessel,
-    MissionCheckpoint, MissionSettings, MissionState, Phase, Plan, RangeSample, Reason, ReasonCode, SetPoint,
-    SettingsOrder, State, VesselLevel, WaitingTimes,
+use alight_shared::{
+    admission::{CommandAdmission, Latest},
+    geometry::{DeckGeometry, DroneGeometry},
+    landing::{Odds, Staying},
+    msg::{
+        AutopilotState, CameraLight, Command, DeckForecast, DeckGrant, DroneState, Header, LastVessel,
+        MissionCheckpoint, MissionSettings, MissionState, Phase, Plan, RangeSample, Reason, ReasonCode,
+        SetPoint, SettingsOrder, State, VesselLevel, WaitingTimes,
+    },
+    node::Node,
+    time::{DroneClock, Span, Time},
+    topics,
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 use battery::BatteryMonitor;

@@ -1,11 +1,15 @@
-use alight_shared::config::parse;
-use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage};
-use alight_shared::surroundings::KeepOut;
+use alight_shared::{
+    config::parse,
+    msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage},
+    surroundings::KeepOut,
+};
 use nalgebra::Vector3;
 
-use super::phase::DroneTime;
-use super::tests::{COMMITTED, at, config};
-use super::*;
+use super::{
+    phase::DroneTime,
+    tests::{COMMITTED, at, config},
+    *,
+};
 use crate::fixtures::{airborne, command, drone, forecast, header, level, plan};
 
 pub(super) fn node() -> MissionNode {

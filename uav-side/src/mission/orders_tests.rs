@@ -1,15 +1,20 @@
-use alight_shared::msg::ReasonCode::{
-    CompletesLanding, DuringTakeOff, KnownByBeacon, NotInControl, OnDeck, StillArmed, TakeOffOff,
-    VesselTooFar,
+use alight_shared::msg::{
+    AutopilotMode, CommandKind, KeptStation,
+    ReasonCode::{
+        CompletesLanding, DuringTakeOff, KnownByBeacon, NotInControl, OnDeck, StillArmed, TakeOffOff,
+        VesselTooFar,
+    },
+    Station,
 };
-use alight_shared::msg::{AutopilotMode, CommandKind, KeptStation, Station};
 use nalgebra::Vector3;
 
-use super::concerns_tests::states;
-use super::phase::{HoldCause, holding};
-use super::situation::Deck;
-use super::tests::*;
-use super::*;
+use super::{
+    concerns_tests::states,
+    phase::{HoldCause, holding},
+    situation::Deck,
+    tests::*,
+    *,
+};
 
 fn phases() -> Vec<MissionPhase> {
     let (s, c) = (fair(), config());

@@ -15,14 +15,16 @@
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::landing::normal::{larger, smaller};
-use alight_shared::landing::{
-    BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, WindPush, alignment_mps,
-    wind_during_alignment,
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry},
+    landing::{
+        BLIND_S, CONTACT_MPS, Contact, Margins, Odds, REACTION_S, Staying, WindPush, alignment_mps,
+        normal::{larger, smaller},
+        wind_during_alignment,
+    },
+    msg::{AttitudeResponse, DeckForecast, DeckStage},
+    time::{DroneClock, Span, Time},
 };
-use alight_shared::msg::{AttitudeResponse, DeckForecast, DeckStage};
-use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 use super::situation::Deck;
@@ -124,8 +126,7 @@ impl Outlook<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::with_deck;
-    use super::*;
+    use super::{super::tests::with_deck, *};
     use crate::fixtures::{forecast, header};
     use alight_shared::msg::ReasonCode;
 

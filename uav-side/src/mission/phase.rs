@@ -1,15 +1,21 @@
 //! States with their data, and transitions between them.
 
-use alight_shared::msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    msg::{BatteryPlace, KeptStation, Reason, ReasonCode, State, WAITING_DISTANCE_M},
+    time::{DroneClock, Time},
+};
 use nalgebra::Vector3;
 
-use super::cycles::Cycles;
-use super::limits::exceeds;
-use super::situation::{Deck, Situation};
-use crate::contingency::{BELOW_M, HARD_MPS};
-use crate::mission_config::MissionConfig;
-use crate::surroundings::WITH_DECK_M;
+use super::{
+    cycles::Cycles,
+    limits::exceeds,
+    situation::{Deck, Situation},
+};
+use crate::{
+    contingency::{BELOW_M, HARD_MPS},
+    mission_config::MissionConfig,
+    surroundings::WITH_DECK_M,
+};
 
 pub(super) type DroneTime = Time<DroneClock>;
 

@@ -3,11 +3,12 @@
 
 use nalgebra::Vector3;
 
-use super::phase::{HoldCause, MissionPhase, hold_height, moving_place, stands_aside};
-use super::search;
-use super::seek;
-use super::situation::Situation;
-use super::station;
+use super::{
+    phase::{HoldCause, MissionPhase, hold_height, moving_place, stands_aside},
+    search, seek,
+    situation::Situation,
+    station,
+};
 use crate::mission_config::MissionConfig;
 
 #[derive(Clone, Copy, Debug, PartialEq)]

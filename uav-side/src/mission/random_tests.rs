@@ -1,9 +1,11 @@
 use alight_shared::msg::{AutopilotMode, CommandKind, Message, Motors, Phase};
 use proptest::prelude::*;
 
-use super::node_tests::{fresh_input, node};
-use super::tests::at;
-use super::*;
+use super::{
+    node_tests::{fresh_input, node},
+    tests::at,
+    *,
+};
 use crate::fixtures::{command, header};
 
 fn wild() -> impl Strategy<Value = f64> {

@@ -1,8 +1,10 @@
 //! The vessel's newest grant: owner of the deck, and course announced by the helm.
 
-use alight_shared::msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode};
-use alight_shared::time::{DroneClock, Time};
-use alight_shared::topics;
+use alight_shared::{
+    msg::{Course, DECK_CLOSED, DeckGrant, Reason, ReasonCode},
+    time::{DroneClock, Time},
+    topics,
+};
 
 use crate::mission_config::MissionConfig;
 

@@ -13,11 +13,13 @@ use core::f64::consts::TAU;
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::Vector2;
 
-use super::limits::CONTACT_CONFIRM_S;
-use super::phase::{
-    DroneTime, HoldCause, MissionPhase, PhaseTransition, Search, gave_up, holding, lasting, too_far,
+use super::{
+    limits::CONTACT_CONFIRM_S,
+    phase::{
+        DroneTime, HoldCause, MissionPhase, PhaseTransition, Search, gave_up, holding, lasting, too_far,
+    },
+    situation::{Deck, Situation},
 };
-use super::situation::{Deck, Situation};
 use crate::mission_config::MissionConfig;
 
 /// Radius that contains the deck with 99.7 %, in standard deviations (each axis) of the beacon's position.

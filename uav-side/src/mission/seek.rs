@@ -8,8 +8,10 @@
 use alight_shared::msg::{Reason, ReasonCode};
 use nalgebra::{Vector2, Vector3};
 
-use super::phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTransition, old_data};
-use super::situation::{ControlState, SilentVessel, Situation};
+use super::{
+    phase::{MAX_VESSEL_DISTANCE_M, MissionPhase, MissionProgress, PhaseTransition, old_data},
+    situation::{ControlState, SilentVessel, Situation},
+};
 use crate::mission_config::MissionConfig;
 
 /// Distance from the vessel's position up to which the drone holds for data, m.

@@ -2,10 +2,12 @@
 
 use alight_shared::msg::{CommandKind, LandingMode};
 
-use super::node_tests::{fresh_input, node};
-use super::phase::DroneTime;
-use super::tests::{at, config};
-use super::*;
+use super::{
+    node_tests::{fresh_input, node},
+    phase::DroneTime,
+    tests::{at, config},
+    *,
+};
 use crate::fixtures::{command, header};
 
 fn order(t: f64, settings: MissionSettings) -> Option<SettingsOrder> {

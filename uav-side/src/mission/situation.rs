@@ -1,23 +1,28 @@
 //! Situation: every quantity that transitions depend on, computed once per step.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, Course, DeckForecast, DeckStage, DroneState, LandedState, LandingMode,
-    OwnMission, PLACES, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::{
+        AutopilotMode, AutopilotState, Course, DeckForecast, DeckStage, DroneState, LandedState, LandingMode,
+        OwnMission, PLACES, Reason, ReasonCode, VesselLevel, WAITING_DISTANCE_M, WaitingPlace,
+    },
+    time::{DroneClock, Span, Time},
 };
-use alight_shared::time::{DroneClock, Span, Time};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::lift_off::Moments;
-use super::limits::{LOST_OUTSIDE_M, exceeds, first_beyond};
-use super::reservation::Reservation;
-use crate::contingency::{ContactOutcomes, slide};
-use crate::mission_config::MissionConfig;
-use crate::standing::StandingVerdict;
-use crate::surroundings::ring_m;
-use alight_shared::landing::normal::larger;
-use alight_shared::landing::{Odds, Staying};
+use super::{
+    lift_off::Moments,
+    limits::{LOST_OUTSIDE_M, exceeds, first_beyond},
+    reservation::Reservation,
+};
+use crate::{
+    contingency::{ContactOutcomes, slide},
+    mission_config::MissionConfig,
+    standing::StandingVerdict,
+    surroundings::ring_m,
+};
+use alight_shared::landing::{Odds, Staying, normal::larger};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ControlState {

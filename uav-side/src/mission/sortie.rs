@@ -7,14 +7,18 @@
 //!
 //! Out of radio range the vessel is extrapolated with its last velocity, with an increasing margin.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::frames::{DroneNed, Vector};
-use alight_shared::msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode};
+use alight_shared::{
+    estimation::low_pass,
+    frames::{DroneNed, Vector},
+    msg::{DeckForecast, DroneState, LastVessel, Reason, ReasonCode},
+};
 use nalgebra::Vector2;
 
-use super::MissionNode;
-use super::phase::DroneTime;
-use super::situation::{SilentVessel, Situation};
+use super::{
+    MissionNode,
+    phase::DroneTime,
+    situation::{SilentVessel, Situation},
+};
 
 /// Maximum duration of a return, s; also returned for a vessel out of reach.
 const MAX_WAY_S: f64 = 3600.0;
@@ -189,9 +193,7 @@ impl MissionNode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::geodesy::Datum;
-    use alight_shared::msg::DeckStage;
-    use alight_shared::time::Time;
+    use alight_shared::{geodesy::Datum, msg::DeckStage, time::Time};
     use proptest::prelude::*;
 
     fn way(offset: [f64; 2], vessel: [f64; 2], wind: [f64; 2]) -> ReturnLeg {

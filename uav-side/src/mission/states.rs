@@ -2,31 +2,36 @@
 
 mod descent;
 
-use alight_shared::landing::Odds;
-use alight_shared::msg::ReasonCode::{
-    ArmedAgain, Commanded, CourseEnds, HeightReached, InSight, NoPlace, NoPlan, NoVessel, NoVision,
-    NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered, Steady,
-    Swings, TagsInSight, TooFar, TooFast, VesselTurns, VisionLost,
+use alight_shared::{
+    landing::Odds,
+    msg::{
+        Course, OwnMission, PLACES, Reason, ReasonCode,
+        ReasonCode::{
+            ArmedAgain, Commanded, CourseEnds, HeightReached, InSight, NoPlace, NoPlan, NoVessel, NoVision,
+            NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, Operator, Permitted, Recovered,
+            Steady, Swings, TagsInSight, TooFar, TooFast, VesselTurns, VisionLost,
+        },
+        VesselLevel,
+    },
 };
-use alight_shared::msg::{Course, OwnMission, PLACES, Reason, ReasonCode, VesselLevel};
 use nalgebra::Vector3;
 
-use super::charge::{self, urgency};
-use super::limits::{
-    CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEAVE_M, HEIGHT_TOLERANCE_M, HYSTERESIS,
-    ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds, first_beyond,
+use super::{
+    charge::{self, urgency},
+    limits::{
+        CONTACT_CONFIRM_S, DECISION_TIMEOUT_S, FOR_OPERATOR, HEAVE_M, HEIGHT_TOLERANCE_M, HYSTERESIS,
+        ORDER_WAITS_S, RECOVER_S, RESUME_DISTANCE_M, STEADY_DISTANCE_M, STEADY_HEIGHT_M, exceeds,
+        first_beyond,
+    },
+    phase::{
+        DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, held_place, holding,
+        lasting, moving_place, old_data, too_far,
+    },
+    reservation::Reservation,
+    search, seek,
+    situation::{ControlState, Deck, SilentVessel, Situation},
+    station, take_off, turnaround,
 };
-use super::phase::{
-    DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, gave_up, held_place, holding,
-    lasting, moving_place, old_data, too_far,
-};
-use super::reservation::Reservation;
-use super::search;
-use super::seek;
-use super::situation::{ControlState, Deck, SilentVessel, Situation};
-use super::station;
-use super::take_off;
-use super::turnaround;
 use crate::mission_config::MissionConfig;
 use descent::{descent, flare};
 

@@ -4,24 +4,29 @@
 //! keep-out volumes; over a shared deck it differs from other drones' places and stations. If two drones are ordered to
 //! the same height at once, the vessel's grant decides which is first, and the other leaves.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::ReasonCode::{
-    BatteryLow, NoPlace, NoVessel, NotFlying, OnStation, Operator, StationNotNow, StationOver, StationTaken,
-    StationTooLow, StationTooNear,
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{
+        KeptStation, OWNER_ONLY_M, PLACES, Phase, Reason,
+        ReasonCode::{
+            BatteryLow, NoPlace, NoVessel, NotFlying, OnStation, Operator, StationNotNow, StationOver,
+            StationTaken, StationTooLow, StationTooNear,
+        },
+        STATION_APART_M, Station, WaitingPlace,
+    },
+    time::Span,
 };
-use alight_shared::msg::{
-    KeptStation, OWNER_ONLY_M, PLACES, Phase, Reason, STATION_APART_M, Station, WaitingPlace,
-};
-use alight_shared::time::Span;
 use nalgebra::Vector3;
 
-use super::limits::exceeds;
-use super::phase::{
-    HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, holding, moving_place,
-    old_data, too_far,
+use super::{
+    limits::exceeds,
+    phase::{
+        HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, holding, moving_place,
+        old_data, too_far,
+    },
+    reservation::Reservation,
+    situation::{ControlState, Situation},
 };
-use super::reservation::Reservation;
-use super::situation::{ControlState, Situation};
 use crate::mission_config::MissionConfig;
 
 /// Reason why the vessel's surroundings or other drones do not permit the place.

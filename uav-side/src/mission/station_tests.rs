@@ -1,15 +1,20 @@
-use alight_shared::msg::ReasonCode::{
-    BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
-    StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
+use alight_shared::msg::{
+    AutopilotMode, CommandKind,
+    ReasonCode::{
+        BatteryDeck, BatteryLow, Commanded, ForecastStale, NoPlace, NoVessel, NotFlying, OnStation, Operator,
+        StationNotNow, StationOver, StationTaken, StationTooLow, StationTooNear, TurnsBack, VesselTooFar,
+    },
+    Station,
 };
-use alight_shared::msg::{AutopilotMode, CommandKind, Station};
 use nalgebra::Vector3;
 
-use super::phase::{HoldCause, gave_up, holding};
-use super::reservation::Reservation;
-use super::situation::OwnState;
-use super::tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with};
-use super::*;
+use super::{
+    phase::{HoldCause, gave_up, holding},
+    reservation::Reservation,
+    situation::OwnState,
+    tests::{COMMITTED, DESCENT, TRACKING, at, commanded, config, step, waits, with},
+    *,
+};
 
 const ABEAM: Station = Station {
     ahead_m: 0,

@@ -1,5 +1,7 @@
-use alight_shared::landing::{Slopes, Staying, SupportPolygon, WindPush};
-use alight_shared::msg::{DeckForecast, DeckStage};
+use alight_shared::{
+    landing::{Slopes, Staying, SupportPolygon, WindPush},
+    msg::{DeckForecast, DeckStage},
+};
 
 use super::MissionConfig;
 use crate::odometry::wind::WindMonitor;

@@ -1,16 +1,20 @@
 //! Start of a mission from a predecessor's checkpoint, or with a drone found in flight.
 
-use alight_shared::admission::CommandAdmission;
-use alight_shared::checkpoint::CheckpointRejection;
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{CommandKind, MissionCheckpoint, MissionState, Reason, ReasonCode};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    admission::CommandAdmission,
+    checkpoint::CheckpointRejection,
+    geodesy::Datum,
+    msg::{CommandKind, MissionCheckpoint, MissionState, Reason, ReasonCode},
+    time::{DroneClock, Time},
+};
 
-use super::checkpoint::{self, Begun, MissionStartUp};
-use super::concerns::resume_landing;
-use super::phase::{Decision, MissionPhase};
-use super::situation::{ControlState, Situation};
-use super::{MissionIn, MissionNode};
+use super::{
+    MissionIn, MissionNode,
+    checkpoint::{self, Begun, MissionStartUp},
+    concerns::resume_landing,
+    phase::{Decision, MissionPhase},
+    situation::{ControlState, Situation},
+};
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct MissionSuccession {

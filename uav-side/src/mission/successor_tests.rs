@@ -1,8 +1,10 @@
 use alight_shared::msg::{CommandKind, Motors};
 
-use super::node_tests::fresh_input;
-use super::tests::{at, config};
-use super::*;
+use super::{
+    node_tests::fresh_input,
+    tests::{at, config},
+    *,
+};
 use crate::fixtures::{command, header};
 
 fn checkpoint(state: State, t: f64) -> MissionCheckpoint {

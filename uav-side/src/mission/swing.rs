@@ -5,10 +5,12 @@
 //! g) - (a - d) / g`, where `f_c` is the horizontal specific force of the commanded attitude. Feedback slower than a
 //! second is a position error or wind; the oscillation is the RMS of the faster part over two seconds.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    estimation::low_pass,
+    geometry::GRAVITY,
+    msg::{DroneState, SetPoint, SetPointKind},
+    time::{DroneClock, Time},
+};
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 /// Time constant of feedback that does not count as oscillation, s: an unstable loop oscillates in about a second.

@@ -6,27 +6,36 @@
 //! ([`MissionPhase::StandDown`]). Afterwards only climbing is safe: an order to stop leads to the hold at the end of
 //! every take-off.
 
-use alight_shared::landing::MAX_TILT_RAD;
-use alight_shared::msg::ReasonCode::{
-    Arming, ArmingRejected, BatteryLow, BatteryUnknown, BetterMoment, ClearOfDeck, Commanded, CountedDown,
-    Counting, DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, Leaving, MayFly, NoMoment,
-    NoVessel, NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator, OrderExpired, SpinningUp,
-    StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff, TipsOver, TooLong, VesselTurns,
+use alight_shared::{
+    landing::MAX_TILT_RAD,
+    msg::{
+        Course, DeckGrant, LandingMode, Reason,
+        ReasonCode::{
+            Arming, ArmingRejected, BatteryLow, BatteryUnknown, BetterMoment, ClearOfDeck, Commanded,
+            CountedDown, Counting, DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, GoodMoment, Leaving,
+            MayFly, NoMoment, NoVessel, NotCleared, NotFlying, NotOnDeck, OdometryStale, OffHeight, Operator,
+            OrderExpired, SpinningUp, StillArmed, TakeOffBattery, TakeOffCommanded, TakeOffOff, TakenOff,
+            TipsOver, TooLong, VesselTurns,
+        },
+    },
+    time::DroneClock,
+    topics,
 };
-use alight_shared::msg::{Course, DeckGrant, LandingMode, Reason};
-use alight_shared::time::DroneClock;
-use alight_shared::topics;
 
-use super::limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds};
-use super::phase::{
-    DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, climbing_out, holding,
-    moving_place, old_data,
+use super::{
+    limits::{HEIGHT_TOLERANCE_M, ORDER_WAITS_S, exceeds},
+    phase::{
+        DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, climbing_out, holding,
+        moving_place, old_data,
+    },
+    situation::{ControlState, Situation},
+    turnaround,
 };
-use super::situation::{ControlState, Situation};
-use super::turnaround;
-use crate::lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M};
-use crate::mission_config::MissionConfig;
-use crate::standing::{StandingVerdict, WITNESSED_WITHIN_S};
+use crate::{
+    lift_off::{LEAVES_WITHIN_S, LEFT_M, LIES_BELOW_M},
+    mission_config::MissionConfig,
+    standing::{StandingVerdict, WITNESSED_WITHIN_S},
+};
 
 /// Duration of the countdown shown to the crew, s.
 const COUNTDOWN_S: f64 = 5.0;

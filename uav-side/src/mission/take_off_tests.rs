@@ -1,16 +1,20 @@
-use alight_shared::msg::ReasonCode::{
-    Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting, DeckGrantStale,
-    DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, MayFly, NoMoment, NotCleared, NotOnDeck,
-    Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery, TakeOffCommanded,
-    TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
+use alight_shared::msg::{
+    AutopilotMode, CommandKind, Course, DeckGrant, LandingMode,
+    ReasonCode::{
+        Arming, ArmingRejected, BatteryLow, BatteryUnknown, ClearOfDeck, CountedDown, Counting,
+        DeckGrantStale, DeckReserved, Disarmed, DoesNotRise, ForecastStale, GoodMoment, MayFly, NoMoment,
+        NotCleared, NotOnDeck, Operator, OrderExpired, SpinningUp, StillArmed, SwitchAborts, TakeOffBattery,
+        TakeOffCommanded, TakeOffOff, TakeOffTilted, TakenOff, TipsOver, VesselTurns,
+    },
 };
-use alight_shared::msg::{AutopilotMode, CommandKind, Course, DeckGrant, LandingMode};
 use nalgebra::Vector3;
 
-use super::lift_off::{LiftOff, Moments};
-use super::reservation::Reservation;
-use super::tests::{at, config, fair, with};
-use super::*;
+use super::{
+    lift_off::{LiftOff, Moments},
+    reservation::Reservation,
+    tests::{at, config, fair, with},
+    *,
+};
 use crate::standing::StandingVerdict;
 
 const SURE: LiftOff = LiftOff {

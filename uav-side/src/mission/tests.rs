@@ -1,25 +1,27 @@
 //! State table by situation and reason, except descent and flare.
 
-use alight_shared::msg::ReasonCode::{
-    ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
-    DeckGrantStale, DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached,
-    InSight, Infeasible, KnownByBeacon, LikelyFast, LikelyHard, LikelyOutside, LikelySlides, LikelyTilted,
-    NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady, OffHeight, OriginMoved,
-    Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight, TooDark, TooFar, TooFast,
-    TooSteep, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
-};
 use alight_shared::msg::{
     AutopilotMode, BatteryPlace, CameraLight, CommandKind, Course, DECK_CLOSED, PLACES,
+    ReasonCode::{
+        ArmedAgain, AtBeacon, AutopilotParameter, BeaconVague, Commanded, CourseEnds, DeckDiffers,
+        DeckGrantStale, DeckReserved, Descending, Flaring, ForecastStale, Glare, HarmLikely, HeightReached,
+        InSight, Infeasible, KnownByBeacon, LikelyFast, LikelyHard, LikelyOutside, LikelySlides,
+        LikelyTilted, NoPlan, NoVessel, NoVision, NotCommanded, NotFlying, NotIdentified, NotSteady,
+        OffHeight, OriginMoved, Permitted, Recovered, Searching, SeveralDecks, Steady, Swings, TagsInSight,
+        TooDark, TooFar, TooFast, TooSteep, TurnTooFast, VesselTooFar, VesselTurns, VisionLost,
+    },
 };
 use nalgebra::{Vector2, Vector3};
 
 use Does::{Enter, Stay};
 use State::{Approach, Descent, Flare, GetAltitude, Hold, Idle, Landed, Search, Tracking, TrackingStable};
 
-use super::phase::DroneTime;
-use super::reservation::{Reservation, stated_course};
-use super::situation::{Charges, ClimbRoom, Deck, OwnState, SortieEvidence, TakeOffEvidence};
-use super::*;
+use super::{
+    phase::DroneTime,
+    reservation::{Reservation, stated_course},
+    situation::{Charges, ClimbRoom, Deck, OwnState, SortieEvidence, TakeOffEvidence},
+    *,
+};
 use alight_shared::landing::Odds;
 
 pub(super) fn at(s: f64) -> DroneTime {

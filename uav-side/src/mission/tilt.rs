@@ -1,7 +1,9 @@
 //! Tilt in excess of the commanded tilt: an autopilot that loses attitude control exceeds every command.
 
-use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    msg::{DroneState, SetPoint, SetPointKind},
+    time::{DroneClock, Time},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Decay time of a commanded tilt, s: twice the lag of a typical attitude loop.

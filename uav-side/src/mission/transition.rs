@@ -5,18 +5,18 @@
 
 use alight_shared::msg::{BatteryPlace, CommandKind, Phase, Reason, ReasonCode, State};
 
-use super::answers::not_done;
-use super::charge::is_open;
-use super::concerns::{AFTER_ORDERS, BEFORE_ORDERS, interrupt, is_elsewhere};
-use super::limits::LOST_OUTSIDE_M;
-use super::phase::{
-    Decision, DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder, gave_up,
-    hard_contact, holding, lasting,
+use super::{
+    answers::not_done,
+    charge::is_open,
+    concerns::{AFTER_ORDERS, BEFORE_ORDERS, interrupt, is_elsewhere},
+    limits::LOST_OUTSIDE_M,
+    phase::{
+        Decision, DroneTime, HoldCause, MissionPhase, MissionProgress, PhaseTransition, RejectedOrder,
+        gave_up, hard_contact, holding, lasting,
+    },
+    situation::{ControlState, Situation},
+    states, station, take_off,
 };
-use super::situation::{ControlState, Situation};
-use super::states;
-use super::station;
-use super::take_off;
 use crate::mission_config::MissionConfig;
 
 pub fn decide(

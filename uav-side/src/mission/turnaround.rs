@@ -1,14 +1,18 @@
 //! Turnaround of unattended cycles ([`super::cycles`]), and handover to the autopilot's mission in the air.
 
-use alight_shared::msg::Reason;
-use alight_shared::msg::ReasonCode::{
-    self, BatteryUnknown, ForecastStale, HandOverRejected, HandsOver, Infeasible, NoVessel, NotReady,
-    SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
+use alight_shared::msg::{
+    Reason,
+    ReasonCode::{
+        self, BatteryUnknown, ForecastStale, HandOverRejected, HandsOver, Infeasible, NoVessel, NotReady,
+        SortieBegins, SortiesDone, TakeOffBattery, TakeOffHit, TakeOffTilted, TooSteep, VesselTurns,
+    },
 };
 
-use super::limits::ORDER_WAITS_S;
-use super::phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, holding, lasting};
-use super::situation::{ControlState, Situation};
+use super::{
+    limits::ORDER_WAITS_S,
+    phase::{HoldCause, MissionPhase, MissionProgress, PhaseTransition, holding, lasting},
+    situation::{ControlState, Situation},
+};
 use crate::mission_config::MissionConfig;
 
 /// Time for which the charge must be sufficient for the drone to be ready, s: a gauge recovers after a flight.

@@ -28,12 +28,14 @@ pub(crate) mod hover;
 pub(crate) mod origin;
 pub(crate) mod wind;
 
-use alight_shared::config;
-use alight_shared::estimation::low_pass;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DroneState, SetPoint, SetPointKind};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    config,
+    estimation::low_pass,
+    frames::wrap_angle,
+    geometry::GRAVITY,
+    msg::{DroneState, SetPoint, SetPointKind},
+    time::DroneTime,
+};
 use nalgebra::{Vector2, Vector3};
 
 use origin::yaw_jump;
@@ -309,9 +311,11 @@ impl Odometry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::{wxyz, yaw_rotation};
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{
+        frames::{wxyz, yaw_rotation},
+        msg::Header,
+        time::Time,
+    };
     use nalgebra::UnitQuaternion;
 
     fn odometry() -> Odometry {

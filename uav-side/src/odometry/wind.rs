@@ -4,8 +4,10 @@
 //! reacted. On the deck the wind loads a drone that only friction holds. Both effects are accelerations, which the
 //! odometry measures. The mean includes the vessel's speed; gusts are those of the true wind ([`WindEstimator`]).
 
-use alight_shared::msg::{DroneState, WindCheckpoint};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    msg::{DroneState, WindCheckpoint},
+    time::DroneTime,
+};
 use nalgebra::Vector2;
 
 use super::air::{INDEPENDENT_S, WindEstimator};
@@ -152,8 +154,10 @@ impl WindMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::{Span, Time};
+    use alight_shared::{
+        msg::Header,
+        time::{Span, Time},
+    };
 
     /// Monitor and last odometry of a drone above a deck that moves at `deck_mps`, under a disturbance that oscillates
     /// by `gust` about `mean` with a period of 8 s.

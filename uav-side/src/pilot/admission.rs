@@ -5,16 +5,20 @@
 //! for 0.3 s against deck, obstacles and water ([`brakes`]). The deck is that of the present, propagated by its measured
 //! velocity, acceleration and rates; its forecast is not used.
 
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
-use alight_shared::msg::{DeckStage, MissionState, Phase, Plan, PlanCheck, PlanRefusal, PlanStage};
-use alight_shared::time::{DroneTime, Span};
-use alight_shared::topics;
+use alight_shared::{
+    geometry::{DroneGeometry, GRAVITY},
+    landing::{MAX_MPS, MAX_TILT_RAD},
+    msg::{DeckStage, MissionState, Phase, Plan, PlanCheck, PlanRefusal, PlanStage},
+    time::{DroneTime, Span},
+    topics,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
-use crate::contingency::{Body, DeckBelow, outside_m};
-use crate::surroundings::{WITH_DECK_M, in_deck};
+use crate::{
+    contingency::{Body, DeckBelow, outside_m},
+    surroundings::{WITH_DECK_M, in_deck},
+};
 
 /// Limits of a stage, and of the change between stages: speed, m/s; acceleration downwards, m/s²; tilt, rad; Euler
 /// rates, rad/s.
@@ -269,13 +273,15 @@ impl Pilot {
 
 #[cfg(test)]
 mod tests {
-    use super::PlanCheck::{Along, Deck, Outside, Permission, Tilted, Water};
-    use super::*;
-    use crate::fixtures::{forecast, header, level, mission, plan};
-    use crate::pilot::PilotConfig;
-    use alight_shared::geometry::DeckGeometry;
-    use alight_shared::msg::State;
-    use alight_shared::time::Time;
+    use super::{
+        PlanCheck::{Along, Deck, Outside, Permission, Tilted, Water},
+        *,
+    };
+    use crate::{
+        fixtures::{forecast, header, level, mission, plan},
+        pilot::PilotConfig,
+    };
+    use alight_shared::{geometry::DeckGeometry, msg::State, time::Time};
 
     #[test]
     fn plans_that_the_drone_can_or_cannot_end_within_the_limits() {

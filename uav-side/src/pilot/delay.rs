@@ -9,16 +9,19 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::{low_pass, low_pass_gain};
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{AttitudeResponse, DroneState, Plan, PlanStage};
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    estimation::{low_pass, low_pass_gain},
+    geometry::GRAVITY,
+    msg::{AttitudeResponse, DroneState, Plan, PlanStage},
+    time::{DroneTime, Span},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::Pilot;
-use super::config::DelayConfig;
-use crate::contingency::{Body, DeckBelow, NEAR_DECK_M};
-use crate::tracking::FlightEstimator;
+use super::{Pilot, config::DelayConfig};
+use crate::{
+    contingency::{Body, DeckBelow, NEAR_DECK_M},
+    tracking::FlightEstimator,
+};
 
 /// Number of stored commands: 0.8 s at 100 Hz, more than the maximum dead time plus the oldest odometry.
 const KEPT: usize = 80;
@@ -320,8 +323,7 @@ fn is_over(b: &DeckBelow, body: &Body) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::wxyz;
-    use alight_shared::time::Time;
+    use alight_shared::{frames::wxyz, time::Time};
 
     /// Dynamics of a drone whose set-points and odometry have the same delay.
     const DYNAMICS: Dynamics = Dynamics {

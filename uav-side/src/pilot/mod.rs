@@ -20,25 +20,29 @@ mod tests;
 pub use config::{Output, PilotConfig};
 pub use touchdown::{Touchdown, TouchdownContact};
 
-use alight_shared::admission::Latest;
-use alight_shared::bus::wiring;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase, Plan,
-    PlanRefusal, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+use alight_shared::{
+    admission::Latest,
+    bus::wiring,
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    msg::{
+        AutopilotMode, AutopilotState, DeckForecast, DroneState, LandingMode, Message, MissionState, Phase,
+        Plan, PlanRefusal, PlanStage, RangeSample, SetPoint, SetPointKind, State,
+    },
+    node::Node,
+    time::{DroneClock, DroneTime, Span},
+    topics,
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, DroneTime, Span};
-use alight_shared::topics;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::contingency::{
-    Body, ContactOutcomes, ContingencyAction, ContingencyInput, DeckBelow, GOES_ON_WITHOUT_MISSION_S, Hold,
-    LOST_OUTSIDE_M, outside_m,
+use crate::{
+    contingency::{
+        Body, ContactOutcomes, ContingencyAction, ContingencyInput, DeckBelow, GOES_ON_WITHOUT_MISSION_S,
+        Hold, LOST_OUTSIDE_M, outside_m,
+    },
+    lift_off::Rise,
+    tracking::{FlightEstimator, Tracker},
 };
-use crate::lift_off::Rise;
-use crate::tracking::{FlightEstimator, Tracker};
 use delay::Delay;
 use response::ResponseEstimator;
 use set_points::OLD_PLAN_S;

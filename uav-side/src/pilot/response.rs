@@ -19,12 +19,16 @@
 //! 11.2). With this equation error the fit does not mistake an oscillation of the loop for a slow response. A fit
 //! without dead time would, and would amplify the oscillation.
 
-use alight_shared::msg::{AttitudeResponse, DroneState};
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    msg::{AttitudeResponse, DroneState},
+    time::{DroneTime, Span},
+};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use super::config::LagConfig;
-use super::delay::{SentCommands, parabola_minimum};
+use super::{
+    config::LagConfig,
+    delay::{SentCommands, parabola_minimum},
+};
 
 /// Number of candidate dead times, and their spacing, s.
 const CANDIDATES: usize = 21;
@@ -284,9 +288,11 @@ fn integrate(window: &mut Window, last: &DroneState, drone: &DroneState, dt: f64
 mod tests {
     use super::*;
     use crate::fixtures::header;
-    use alight_shared::estimation::{low_pass, low_pass_gain};
-    use alight_shared::frames::wxyz;
-    use alight_shared::time::Time;
+    use alight_shared::{
+        estimation::{low_pass, low_pass_gain},
+        frames::wxyz,
+        time::Time,
+    };
 
     /// Roll and pitch axes of a drone with PX4's loop or ArduCopter's input shaping.
     struct Axes {

@@ -1,18 +1,22 @@
 //! Set-points of each action: stop, stand, hold, follow, complete, press.
 
-use alight_shared::frames::{wxyz, yaw_rotation};
-use alight_shared::msg::{
-    Header, MissionState, Motors, Phase, Plan, PlanStage, SetPoint, SetPointKind, State,
+use alight_shared::{
+    frames::{wxyz, yaw_rotation},
+    msg::{Header, MissionState, Motors, Phase, Plan, PlanStage, SetPoint, SetPointKind, State},
+    time::{DroneTime, Span},
 };
-use alight_shared::time::{DroneTime, Span};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::Pilot;
-use super::config::Output;
-use super::touchdown::{TouchdownContact, press_fraction};
-use crate::contingency::{Body, Completion, DeckBelow, Hold};
-use crate::flatness::{rates_of, upright};
-use crate::tracking::{AttitudeCommand, Authority};
+use super::{
+    Pilot,
+    config::Output,
+    touchdown::{TouchdownContact, press_fraction},
+};
+use crate::{
+    contingency::{Body, Completion, DeckBelow, Hold},
+    flatness::{rates_of, upright},
+    tracking::{AttitudeCommand, Authority},
+};
 
 /// Age above which a plan no longer determines the braking, s: five periods.
 pub(super) const OLD_PLAN_S: f64 = 0.1;

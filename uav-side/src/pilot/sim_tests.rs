@@ -1,8 +1,10 @@
 //! Closed-loop tests of the pilot: a drone with lags above a heaving, tilting deck.
 
-use alight_shared::frames::wxyz;
-use alight_shared::msg::{DeckStage, Header, Motors};
-use alight_shared::time::Time;
+use alight_shared::{
+    frames::wxyz,
+    msg::{DeckStage, Header, Motors},
+    time::Time,
+};
 use nalgebra::UnitQuaternion;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -4,13 +4,17 @@
 //! feet leave together. The thrust ramps up to that of [`Climb`], so that a sticking foot is detected before much
 //! torque rotates the drone about it. Once the feet are clear, the drone makes the usual climb above a deck.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{MissionState, SetPoint};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    geometry::GRAVITY,
+    msg::{MissionState, SetPoint},
+    time::DroneTime,
+};
 
 use super::Pilot;
-use crate::contingency::{Body, Climb, DeckBelow};
-use crate::lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise};
+use crate::{
+    contingency::{Body, Climb, DeckBelow},
+    lift_off::{LEAVES_WITHIN_S, LIES_BELOW_M, Rise},
+};
 
 /// Duration of the ramp to the climb's thrust, s: three times the lag of odometry, link and rotors.
 const RAMP_S: f64 = 0.3;

@@ -1,14 +1,18 @@
-use alight_shared::config::parse;
-use alight_shared::frames::wxyz;
-use alight_shared::msg::{DeckStage, LandedState, Motors};
-use alight_shared::time::Time;
+use alight_shared::{
+    config::parse,
+    frames::wxyz,
+    msg::{DeckStage, LandedState, Motors},
+    time::Time,
+};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
 
 use super::*;
-use crate::fixtures::{airborne, drone, forecast, header, level, mission, plan};
-use crate::flatness::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright};
-use crate::tracking::{Authority, TrackingConfig};
+use crate::{
+    fixtures::{airborne, drone, forecast, header, level, mission, plan},
+    flatness::{attitude_of_thrust, lead, slewed, thrust_of_attitude, tilt_limited, upright},
+    tracking::{Authority, TrackingConfig},
+};
 
 proptest! {
     #[test]

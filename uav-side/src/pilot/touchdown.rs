@@ -14,15 +14,19 @@
 //! the deck. A rangefinder that has not followed the descent ([`RangeWitness`]) is ignored. If the autopilot does not
 //! report its thrust, the command is used instead, and the drone must stay on the deck for longer.
 
-use alight_shared::estimation::{low_pass, median};
-use alight_shared::msg::Header;
-use alight_shared::time::{DroneClock, DroneTime, Time};
-use alight_shared::topics;
+use alight_shared::{
+    estimation::{low_pass, median},
+    msg::Header,
+    time::{DroneClock, DroneTime, Time},
+    topics,
+};
 
 use serde::{Deserialize, Serialize};
 
-use crate::contingency::HARD_MPS;
-use crate::range_witness::{BELOW_FEET_M, RangeWitness, disagree};
+use crate::{
+    contingency::HARD_MPS,
+    range_witness::{BELOW_FEET_M, RangeWitness, disagree},
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Touchdown {

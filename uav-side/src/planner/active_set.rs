@@ -8,9 +8,11 @@
 
 use alight_shared::msg::Solve;
 
-use super::condensed::Condensed;
-use super::model::DiscreteModel;
-use super::qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE};
+use super::{
+    condensed::Condensed,
+    model::DiscreteModel,
+    qp::{ChainLayout, ChainLimits, QpInstance, SlackCost, TOLERANCE},
+};
 
 /// Maximum number of changes of the working set: landings need up to 15, the worst of 1500 random problems 386.
 const MAX_CHANGES: u32 = 500;
@@ -362,9 +364,11 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planner::condensed::StageCost;
-    use crate::planner::model::HoverModel;
-    use crate::planner::qp::{ChainSolver, NO_CEILING, SparseForm};
+    use crate::planner::{
+        condensed::StageCost,
+        model::HoverModel,
+        qp::{ChainSolver, NO_CEILING, SparseForm},
+    };
     use alight_shared::geometry::DroneGeometry;
     use nalgebra::SVector;
     use proptest::prelude::*;

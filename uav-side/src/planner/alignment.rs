@@ -1,15 +1,19 @@
 //! Law of `mpc-faa`, Forcing Attitude Alignment (Procházka et al. 2024, section III and Table 4): weights that increase
 //! as the foot plane approaches the deck. Only the flare's reference contains a deck attitude to align with.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    geometry::DroneGeometry,
+    time::{DroneClock, Time},
+};
 use nalgebra::Vector3;
 
-use super::law::{Law, View};
-use super::model::clearance;
-use super::mpc_faa::Problem;
-use super::reference::{PlanReference, ReferenceGenerator};
-use super::weights::{Faa, FaaDistance};
+use super::{
+    law::{Law, View},
+    model::clearance,
+    mpc_faa::Problem,
+    reference::{PlanReference, ReferenceGenerator},
+    weights::{Faa, FaaDistance},
+};
 
 #[derive(Clone, Debug)]
 pub struct FaaAlignment {

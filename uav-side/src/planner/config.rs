@@ -1,11 +1,15 @@
 use serde::{Deserialize, Serialize};
 
-use alight_shared::config;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::PLAN_STAGES;
+use alight_shared::{
+    config,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::PLAN_STAGES,
+};
 
-use super::rendezvous::config::RendezvousConfig;
-use super::weights::{Faa, Weights};
+use super::{
+    rendezvous::config::RendezvousConfig,
+    weights::{Faa, Weights},
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

@@ -1,13 +1,17 @@
 //! Interface of a planner's law. Start, references, model, solver and message are common to all laws.
 
-use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    msg::{DeckForecast, DroneState, MissionState, Plan},
+    time::{DroneClock, Time},
+};
 use nalgebra::{Vector2, Vector3};
 
-use super::model::{ModelState, state, up_of};
-use super::mpc_faa::Problem;
-use super::reference::{PlanReference, ReferenceGenerator};
 pub use super::view::View;
+use super::{
+    model::{ModelState, state, up_of},
+    mpc_faa::Problem,
+    reference::{PlanReference, ReferenceGenerator},
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LandingStart {

@@ -32,16 +32,19 @@ mod start_tests;
 #[cfg(test)]
 mod tests;
 
-use alight_shared::admission::Latest;
-use alight_shared::bus::wiring;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::msg::{
-    DeckForecast, DroneState, Header, LandingMode, Message as _, MissionState, Phase, Plan, PlanStage, Solve,
+use alight_shared::{
+    admission::Latest,
+    bus::wiring,
+    frames::wrap_angle,
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    msg::{
+        DeckForecast, DroneState, Header, LandingMode, Message as _, MissionState, Phase, Plan, PlanStage,
+        Solve,
+    },
+    node::Node,
+    time::{DroneClock, Span, Time},
+    topics,
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 pub use config::{PlannerConfig, PlannerKind};

@@ -8,9 +8,11 @@
 //! integrators each), z and yaw (two each). [`MIXER`] is orthonormal, so the paper's cost `R` on the rotors' increments
 //! equals that on the increments of the virtual inputs, and four small problems are equivalent to the large one.
 
-use alight_shared::frames::body_rates;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{DeckStage, DroneState};
+use alight_shared::{
+    frames::body_rates,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::{DeckStage, DroneState},
+};
 use nalgebra::{SMatrix, SVector, Vector3};
 
 pub const STATES: usize = 12;

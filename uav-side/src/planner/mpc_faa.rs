@@ -13,15 +13,16 @@
 //! Axes: NED. Tilt is measured about north and east (`phi`, `theta` of the body rotated back by its yaw), so the hover
 //! model at yaw 0 is correct at every heading.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::Solve;
+use alight_shared::{geometry::DroneGeometry, msg::Solve};
 use nalgebra::SVector;
 
-use super::active_set::ActiveSet;
-use super::condensed::{Condensed, StageCost};
-use super::config::{PlannerConfig, PlannerKind};
-use super::model::{Chain, DiscreteModel, HoverModel, INPUTS, ModelState, state};
-use super::qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, SparseForm};
+use super::{
+    active_set::ActiveSet,
+    condensed::{Condensed, StageCost},
+    config::{PlannerConfig, PlannerKind},
+    model::{Chain, DiscreteModel, HoverModel, INPUTS, ModelState, state},
+    qp::{ChainLimits, ChainSolver, NO_CEILING, QpInstance, SlackCost, SparseForm},
+};
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Problem {

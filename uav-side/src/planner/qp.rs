@@ -6,16 +6,17 @@
 //! solution (measured). A chain whose position is bounded on both sides has a separate slack for the position; a shared
 //! slack failed to limit tilt and speed on the wrong side of a bound.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,
+use clarabel::{
+    algebra::CscMatrix,
+    solver::{
+        DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, SupportedConeT, ZeroConeT,
+    },
 };
 use nalgebra::SVector;
 
 use alight_shared::msg::Solve;
 
-use super::condensed::StageCost;
-use super::model::DiscreteModel;
+use super::{condensed::StageCost, model::DiscreteModel};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChainLimits<const N: usize> {

@@ -3,20 +3,26 @@
 
 mod bounds;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckForecast, DeckStage, MissionState, State as Mode};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::{DeckForecast, DeckStage, MissionState, State as Mode},
+    time::{DroneClock, Span, Time},
+};
 use nalgebra::{Rotation2, Vector2};
 
-use super::config::{PlannerConfig, Shaping};
-use super::governor::{GovernedMotion, Pace, ReferenceGovernor};
-use super::model::{ModelState, angular_velocity, clearance, state, tilt_of, up_of};
-use super::mpc_faa::Problem;
-use super::view::View;
-use super::weights::Weights;
-use crate::contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity};
-use crate::surroundings::{Passage, way_round};
+use super::{
+    config::{PlannerConfig, Shaping},
+    governor::{GovernedMotion, Pace, ReferenceGovernor},
+    model::{ModelState, angular_velocity, clearance, state, tilt_of, up_of},
+    mpc_faa::Problem,
+    view::View,
+    weights::Weights,
+};
+use crate::{
+    contingency::{BELOW_M, Climb, NEAR_DECK_M, escape_velocity},
+    surroundings::{Passage, way_round},
+};
 
 /// Deceleration of an aborted descent, m/s².
 const ABORTED_DESCENT_MPS2: f64 = 6.0;

@@ -1,12 +1,16 @@
 use alight_shared::geometry::DroneGeometry;
 use nalgebra::SVector;
 
-use super::condensed::{Condensed, StageCost};
-use super::mpc_faa::{Side, heading_free};
-use super::qp::NO_CEILING;
-use super::tests::approach::{ABOVE, Approach, MODERATE, naive_data};
-use super::tests::naive;
-use super::*;
+use super::{
+    condensed::{Condensed, StageCost},
+    mpc_faa::{Side, heading_free},
+    qp::NO_CEILING,
+    tests::{
+        approach::{ABOVE, Approach, MODERATE, naive_data},
+        naive,
+    },
+    *,
+};
 
 /// Every tenth problem of a landing from 5 m off the deck's centre, and whether the solver was needed.
 fn recorded(config: &PlannerConfig) -> Vec<(Problem, bool)> {

@@ -1,16 +1,20 @@
 //! Start of a plan: the current point of the previous plan, or the measured state.
 
-use alight_shared::estimation::low_pass_gain;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::DroneState;
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    estimation::low_pass_gain,
+    frames::wrap_angle,
+    geometry::GRAVITY,
+    msg::DroneState,
+    time::{DroneClock, Time},
+};
 use nalgebra::Vector2;
 
-use super::config::Reset;
-use super::law::LandingStart;
-use super::model::{INPUTS, ModelState, measured_state, state};
-use super::mpc_faa::{Mpc, Solution};
+use super::{
+    config::Reset,
+    law::LandingStart,
+    model::{INPUTS, ModelState, measured_state, state},
+    mpc_faa::{Mpc, Solution},
+};
 
 #[derive(Clone, Debug)]
 pub(super) struct SolvedPlan {

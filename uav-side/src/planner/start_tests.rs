@@ -3,8 +3,10 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
-use super::tests::approach::{ABOVE, Approach, MODERATE};
-use super::*;
+use super::{
+    tests::approach::{ABOVE, Approach, MODERATE},
+    *,
+};
 
 /// Offset between the next plan's start and the last plan, after a descent of two seconds, for a drone that is off its
 /// plan by `place` (m) and `faster` (m/s) on this axis.

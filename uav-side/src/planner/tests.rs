@@ -1,11 +1,12 @@
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckStage, Header, State as Mode};
-use alight_shared::surroundings::{KeepOut, Surroundings};
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::{DeckStage, Header, State as Mode},
+    surroundings::{KeepOut, Surroundings},
+};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-use super::qp::NO_CEILING;
-use super::*;
+use super::{qp::NO_CEILING, *};
 use crate::planner;
 
 #[path = "../../benches/approach/mod.rs"]

@@ -5,8 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use std::collections::BTreeMap;
 
-use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::{
+    config,
+    config::{Check, ConfigError, Keys},
+};
 
 use super::model::{ModelState, STATES, state};
 

@@ -2,8 +2,7 @@
 //! A disagreement reveals a fault: images with late time stamps show a heaving deck at a past height; the tags of a
 //! neighbouring deck have the right ids at the wrong position.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::time::DroneTime;
+use alight_shared::{estimation::low_pass, time::DroneTime};
 
 use super::axis::AxisNoise;
 

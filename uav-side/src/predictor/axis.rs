@@ -15,8 +15,10 @@
 
 use alight_shared::estimation::reduce_covariance;
 
-use super::config::PredictorConfig;
-use super::waves::{AXES, HandOver, MAX_OSCILLATORS, Oscillator};
+use super::{
+    config::PredictorConfig,
+    waves::{AXES, HandOver, MAX_OSCILLATORS, Oscillator},
+};
 
 /// Number of states before the oscillators.
 pub const HEAD: usize = 6;

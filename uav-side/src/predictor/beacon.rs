@@ -7,18 +7,18 @@
 //! p = q + b,  b ~ Gauss-Markov          b: the rest of the stated error, and the drone's own receiver's
 //! ```
 
-use alight_shared::frames::{DroneNed, Vector};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{
-    BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, Header, MAX_BEACON_MPS, MAX_POSITION_M,
-    MIN_BEACON_SD_M, Message as _, Seq,
+use alight_shared::{
+    frames::{DroneNed, Vector},
+    geodesy::Datum,
+    msg::{
+        BeaconSource, DeckBeacon, DeckStage, DroneState, FORECAST_STAGES, Header, MAX_BEACON_MPS,
+        MAX_POSITION_M, MIN_BEACON_SD_M, Message as _, Seq,
+    },
+    time::DroneTime,
 };
-use alight_shared::time::DroneTime;
 use nalgebra::{Matrix2, Vector2};
 
-use super::agreement::PLACE_SD;
-use super::observation::DeckObservation;
-use super::track::FrameJump;
+use super::{agreement::PLACE_SD, observation::DeckObservation, track::FrameJump};
 
 /// Correlation time of a receiver's slow error, s, as for the vessel's receiver.
 const BIAS_TIME_S: f64 = 300.0;
@@ -290,8 +290,7 @@ impl BeaconEstimate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     const ORIGIN: Datum = Datum::new(47.6, -122.4, 12.0);
 

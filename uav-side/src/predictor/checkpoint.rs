@@ -2,14 +2,14 @@
 //! detect the deck in the last half metre. A predictor that restarts there without a checkpoint would know the deck's
 //! position only to the error of two GNSS receivers.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{DroneState, PredictorCheckpoint};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{DroneState, PredictorCheckpoint},
+    time::DroneTime,
+};
 use nalgebra::Vector3;
 
-use super::axis::AxisNoise;
-use super::track::JUMP_M;
-use super::waves::AXES;
+use super::{axis::AxisNoise, track::JUMP_M, waves::AXES};
 use alight_shared::checkpoint::validate;
 
 pub(super) fn is_valid(
@@ -52,8 +52,7 @@ fn aged(variance: f64, noise: &AxisNoise, age: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     #[test]
     fn checkpoint_of_a_moved_origin() {

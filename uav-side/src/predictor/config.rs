@@ -1,5 +1,7 @@
-use alight_shared::config;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::{
+    config,
+    geometry::{DeckGeometry, DroneGeometry},
+};
 
 /// Three lengths (m), and three angles (degrees, converted to rad).
 fn six(lengths: [f64; 3], degrees: [f64; 3]) -> [f64; 6] {

@@ -2,20 +2,23 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::AidSource;
-use alight_shared::msg::PredictorCheckpoint;
-use alight_shared::time::{DroneClock, DroneTime, Span};
+use alight_shared::{
+    estimation::AidSource,
+    msg::PredictorCheckpoint,
+    time::{DroneClock, DroneTime, Span},
+};
 use nalgebra::{Rotation2, Vector2};
 
-use super::axis::{
-    Axis, AxisNoise, HEAD, Innovation, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION,
+use super::{
+    agreement,
+    axis::{Axis, AxisNoise, HEAD, Innovation, MEAN, MeasurementRow, OscillatorStep, RATE, TURN, VISION},
+    forecast::STEERAGE_MPS,
+    measurement::innovations,
+    observation::{DeckObservation, ObservationKind},
+    shift,
+    track::FrameJump,
+    waves::{AXES, TILT, Waves},
 };
-use super::forecast::STEERAGE_MPS;
-use super::measurement::innovations;
-use super::observation::{DeckObservation, ObservationKind};
-use super::track::FrameJump;
-use super::waves::{AXES, TILT, Waves};
-use super::{agreement, shift};
 
 /// Maximum number of observations stored for reordering.
 const MAX_ENTRIES: usize = 96;

@@ -1,16 +1,18 @@
 //! Forecast of the deck's motion over the horizon, from the current state of the filters.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP, Seq};
-use alight_shared::time::DroneTime;
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::{
+    geometry::GRAVITY,
+    msg::{DeckStage, FORECAST_STAGES, PREDICTED_SLOPES, SLOPE_STEP, Seq},
+    time::DroneTime,
+    vessel_model::turn_tilt,
+};
 use nalgebra::{Rotation2, Rotation3, Vector2, Vector3};
 
-use super::axis::{
-    Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, OscillatorStep, RATE, VISION, compass,
+use super::{
+    axis::{Axis, AxisNoise, DRIFT, HEAD, Head, MAX_STATES, MEAN, OscillatorStep, RATE, VISION, compass},
+    lever_arm_heave::lever_arm_heave,
+    waves::{AXES, DeckMotion, Oscillator, TILT, Waves},
 };
-use super::lever_arm_heave::lever_arm_heave;
-use super::waves::{AXES, DeckMotion, Oscillator, TILT, Waves};
 
 /// Stages at which the variance is computed; the others are interpolated.
 const KNOTS: [usize; 9] = [0, 2, 5, 10, 15, 20, 26, 33, 40];
@@ -331,8 +333,7 @@ fn in_vision_frame(axis: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::config::PredictorConfig;
-    use super::*;
+    use super::{super::config::PredictorConfig, *};
     use alight_shared::time::Time;
 
     #[test]

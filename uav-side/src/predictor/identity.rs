@@ -24,14 +24,14 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::estimation::low_pass_gain;
-use alight_shared::frames::wrap_angle;
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    estimation::low_pass_gain,
+    frames::wrap_angle,
+    time::{DroneTime, Span},
+};
 use nalgebra::{Vector2, Vector3, Vector4};
 
-use super::agreement::PLACE_SD;
-use super::observation::DeckObservation;
-use super::track::FrameJump;
+use super::{agreement::PLACE_SD, observation::DeckObservation, track::FrameJump};
 
 const MAX_DECKS: usize = 4;
 /// Number of stored radio reports: more than a second at 30 Hz.
@@ -413,8 +413,7 @@ impl Decks {
 
 #[cfg(test)]
 mod tests {
-    use super::super::observation::ObservationKind;
-    use super::*;
+    use super::{super::observation::ObservationKind, *};
     use alight_shared::time::Time;
 
     fn observation(kind: ObservationKind, at_s: f64, place: [f64; 2], attitude: [f64; 3]) -> DeckObservation {

@@ -1,8 +1,6 @@
 //! Mean level of the deck, from forecasts.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::msg::DeckStage;
-use alight_shared::time::DroneTime;
+use alight_shared::{estimation::low_pass, msg::DeckStage, time::DroneTime};
 
 /// Time constant of the level, s: two periods of a long swell.
 const LEVEL_TIME_S: f64 = 10.0;

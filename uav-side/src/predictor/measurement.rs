@@ -18,14 +18,15 @@
 //! block. Of the other states only the camera's mount adds uncertainty to the height, because errors due to lever-arm
 //! heave and compass affect forecast and measurement equally.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::vessel_model::turn_tilt;
+use alight_shared::{frames::wrap_angle, vessel_model::turn_tilt};
 use nalgebra::{Matrix2, Matrix2x3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
-use super::axis::{Axis, Innovation, MeasurementRow, TURN, VISION, compass};
-use super::lever_arm_heave::lever_arm_heave;
-use super::observation::{DeckObservation, ObservationKind, Plane};
-use super::waves::{AXES, DeckMotion, TILT};
+use super::{
+    axis::{Axis, Innovation, MeasurementRow, TURN, VISION, compass},
+    lever_arm_heave::lever_arm_heave,
+    observation::{DeckObservation, ObservationKind, Plane},
+    waves::{AXES, DeckMotion, TILT},
+};
 
 /// Arguments of `h`: degrees of freedom of the deck, with position and heading in the drone's frame; rotation of the
 /// camera's mount about north and east; rotation of vision that shifts a detection north and east; reading of the
@@ -176,14 +177,20 @@ pub(super) fn plane(s: &[Axis; AXES], modes: &DeckMotion, lever_arm: &Vector3<f6
 
 #[cfg(test)]
 mod tests {
-    use super::super::axis::{AxisNoise, MEAN, RADIO};
-    use super::super::config::PredictorConfig;
-    use super::super::observation;
-    use super::super::track::Pose;
-    use super::*;
-    use alight_shared::frames::{body_from_camera, wxyz};
-    use alight_shared::msg::TagPose;
-    use alight_shared::time::Time;
+    use super::{
+        super::{
+            axis::{AxisNoise, MEAN, RADIO},
+            config::PredictorConfig,
+            observation,
+            track::Pose,
+        },
+        *,
+    };
+    use alight_shared::{
+        frames::{body_from_camera, wxyz},
+        msg::TagPose,
+        time::Time,
+    };
     use core::f64::consts::TAU;
     use proptest::prelude::*;
 

@@ -1,15 +1,18 @@
-use alight_shared::admission::{Periodic, RejectionReason, Rejections};
-use alight_shared::bus::wiring;
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{
-    AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, MissionState,
-    PREDICTED_SLOPE_STEP_S, Plan, PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S, SLOPE_WINDOWS,
-    Seq, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings, WaveModel,
+use alight_shared::{
+    admission::{Periodic, RejectionReason, Rejections},
+    bus::wiring,
+    frames::wrap_angle,
+    msg::{
+        AutopilotState, DeckBeacon, DeckForecast, DroneState, Header, LinkState, Message, MissionState,
+        PREDICTED_SLOPE_STEP_S, Plan, PredictorCheckpoint, RangeSample, RelativePlace, SILENT_S,
+        SLOPE_WINDOWS, Seq, Source, TagPose, UvdarFix, VesselEstimate, VesselPrediction, VesselSurroundings,
+        WaveModel,
+    },
+    node::Node,
+    surroundings::Surroundings,
+    time::{DroneClock, DroneTime, Span, Time},
+    topics,
 };
-use alight_shared::node::Node;
-use alight_shared::surroundings::Surroundings;
-use alight_shared::time::{DroneClock, DroneTime, Span, Time};
-use alight_shared::topics;
 use nalgebra::{Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -18,22 +21,24 @@ mod moving_base;
 mod radio;
 mod vision;
 
-use super::agreement::HeightAgreement;
-use super::axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION};
-use super::beacon::{BeaconEstimate, BeaconTrack, Level};
-use super::checkpoint;
-use super::config::PredictorConfig;
-use super::filter::{Filter, Fused};
-use super::forecast::Horizon;
-use super::identity::{Decks, Verdict};
-use super::level::MeanDeckLevel;
-use super::measurement;
-use super::observation::{self, DeckObservation, ObservationKind};
-use super::own::OwnModel;
-use super::relative::RelativeTrust;
-use super::succession::PredictorSuccession;
-use super::track::DroneTrack;
-use super::waves::{AXES, Waves};
+use super::{
+    agreement::HeightAgreement,
+    axis::{Axis, AxisNoise, MEAN, MeasurementRow, RATE, VISION},
+    beacon::{BeaconEstimate, BeaconTrack, Level},
+    checkpoint,
+    config::PredictorConfig,
+    filter::{Filter, Fused},
+    forecast::Horizon,
+    identity::{Decks, Verdict},
+    level::MeanDeckLevel,
+    measurement,
+    observation::{self, DeckObservation, ObservationKind},
+    own::OwnModel,
+    relative::RelativeTrust,
+    succession::PredictorSuccession,
+    track::DroneTrack,
+    waves::{AXES, Waves},
+};
 use ObservationKind::{Estimate, Range, Tag};
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]

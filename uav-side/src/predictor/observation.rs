@@ -1,12 +1,16 @@
-use alight_shared::frames::{body_from_camera, body_rates, yaw_rotation};
-use alight_shared::msg::{RangeSample, TagPose, UvdarFix, VesselEstimate};
-use alight_shared::time::{DroneClock, DroneTime};
-use alight_shared::vessel_model::{PITCH, ROLL, YAW, turn_tilt};
+use alight_shared::{
+    frames::{body_from_camera, body_rates, yaw_rotation},
+    msg::{RangeSample, TagPose, UvdarFix, VesselEstimate},
+    time::{DroneClock, DroneTime},
+    vessel_model::{PITCH, ROLL, YAW, turn_tilt},
+};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
-use super::config::PredictorConfig;
-use super::track::{FrameJump, Pose};
-use super::waves::AXES;
+use super::{
+    config::PredictorConfig,
+    track::{FrameJump, Pose},
+    waves::AXES,
+};
 
 /// Limits within which the drone counts as above the deck: lateral offset of the line of sight as a fraction of its
 /// height, or in m. Chosen: seeds 100 to 111 of Table II and a hover at 1.5 m.

@@ -4,19 +4,23 @@
 //! with which a vessel identifies its own motion ([`alight_shared::motion_model`]). The result is extrapolated as if
 //! received by radio. The forecast's own filter cannot serve here: it would only reproduce the modes that it assumes.
 
-use alight_shared::admission::Periodic;
-use alight_shared::apparent_slope::{self, ApparentSlope};
-use alight_shared::motion_model::{MotionModel, MotionSample};
-use alight_shared::msg::{DeckStage, PREDICTION_STAGES, SLOPE_WINDOWS, Seq};
-use alight_shared::time::{DroneClock, DroneTime, Span};
+use alight_shared::{
+    admission::Periodic,
+    apparent_slope::{self, ApparentSlope},
+    motion_model::{MotionModel, MotionSample},
+    msg::{DeckStage, PREDICTION_STAGES, SLOPE_WINDOWS, Seq},
+    time::{DroneClock, DroneTime, Span},
+};
 use nalgebra::{Rotation2, UnitQuaternion, Vector3};
 
-use super::axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, VISION};
-use super::config::PredictorConfig;
-use super::filter::{Filter, FilterState, Fused};
-use super::observation::DeckObservation;
-use super::track::FrameJump;
-use super::waves::{AXES, Oscillator, Spread, Waves};
+use super::{
+    axis::{Axis, AxisNoise, HEAD, MEAN, MeasurementRow, VISION},
+    config::PredictorConfig,
+    filter::{Filter, FilterState, Fused},
+    observation::DeckObservation,
+    track::FrameJump,
+    waves::{AXES, Oscillator, Spread, Waves},
+};
 
 /// Age of the sampled state, so that late images are included.
 const SAMPLE_AGE: Span = Span::from_millis(80);

@@ -1,10 +1,12 @@
 //! Placement of the vessel's estimate in the drone's frame, from the positions of both origins on the ellipsoid.
 
-use alight_shared::frames::{DroneNed, Vector, VesselNed, wrap_angle};
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{MAX_POSITION_M, VesselEstimate, f16};
-use alight_shared::time::DroneClock;
-use alight_shared::vessel_model::{HEAVE, SURGE, SWAY, YAW};
+use alight_shared::{
+    frames::{DroneNed, Vector, VesselNed, wrap_angle},
+    geodesy::Datum,
+    msg::{MAX_POSITION_M, VesselEstimate, f16},
+    time::DroneClock,
+    vessel_model::{HEAVE, SURGE, SWAY, YAW},
+};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 /// Estimate `e` relative to the drone's `origin`, which is at `offset` (m) in the drone's frame; None beyond

@@ -11,15 +11,19 @@
 //! ignored until a new solution agrees with the tags, or until there has been no fixed solution for some seconds. A
 //! single float solution proves nothing, because the receiver may return to the same false ambiguities.
 
-use alight_shared::estimation::low_pass_gain;
-use alight_shared::msg::{CarrierSolution, RelativePlace, RelativeState};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    estimation::low_pass_gain,
+    msg::{CarrierSolution, RelativePlace, RelativeState},
+    time::DroneTime,
+};
 use nalgebra::Vector3;
 
-use super::config::PredictorConfig;
-use super::observation::{DeckObservation, ObservationKind, Plane};
-use super::track::Pose;
-use super::waves::AXES;
+use super::{
+    config::PredictorConfig,
+    observation::{DeckObservation, ObservationKind, Plane},
+    track::Pose,
+    waves::AXES,
+};
 
 /// Maximum stated standard deviation of a usable fixed solution, per component, m.
 const MAX_SD_M: f64 = 0.1;
@@ -272,8 +276,7 @@ impl RelativeTrust {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
     use nalgebra::UnitQuaternion;
 
     fn measured(t: f64, solution: CarrierSolution) -> RelativePlace {

@@ -8,9 +8,11 @@
 
 use nalgebra::Vector3;
 
-use super::axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION};
-use super::track::FrameJump;
-use super::waves::AXES;
+use super::{
+    axis::{Axis, AxisNoise, DRIFT, MEAN, MeasurementRow, TURN, VISION},
+    track::FrameJump,
+    waves::AXES,
+};
 
 /// State of the filters after `jump`. `measured`: degrees of freedom ever measured in the drone's frame, and whether
 /// the position comes from the relative position, which does not depend on the heading. Returns the degrees of freedom
@@ -88,13 +90,17 @@ impl VisionWeight {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Predictor, PredictorConfig, PredictorIn};
-    use super::*;
+    use super::{
+        super::{Predictor, PredictorConfig, PredictorIn},
+        *,
+    };
     use crate::odometry::{Odometry, OdometryConfig};
-    use alight_shared::frames::{DroneNed, Vector, VesselNed, body_from_camera, wxyz, yaw_rotation};
-    use alight_shared::msg::{CarrierSolution, DroneState, Header, RelativePlace, UvdarFix, VesselEstimate};
-    use alight_shared::node::Node;
-    use alight_shared::time::DroneTime;
+    use alight_shared::{
+        frames::{DroneNed, Vector, VesselNed, body_from_camera, wxyz, yaw_rotation},
+        msg::{CarrierSolution, DroneState, Header, RelativePlace, UvdarFix, VesselEstimate},
+        node::Node,
+        time::DroneTime,
+    };
     use proptest::prelude::*;
 
     /// Odometry and predictor of a drone at rest while the estimate of its autopilot jumps.

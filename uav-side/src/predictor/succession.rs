@@ -5,9 +5,11 @@
 //! forecast off the deck. A successor therefore publishes nothing until its forecast agrees with the end of the last
 //! plan, for at most [`INHERITS_S`]. Without a plan it is a first start.
 
-use alight_shared::checkpoint::Recovery;
-use alight_shared::msg::{DeckForecast, MissionState, Plan, PredictorCheckpoint};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    checkpoint::Recovery,
+    msg::{DeckForecast, MissionState, Plan, PredictorCheckpoint},
+    time::DroneTime,
+};
 use nalgebra::Vector3;
 
 use super::config::PredictorConfig;

@@ -2,9 +2,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::{wrap_angle, wxyz, yaw_rotation};
-use alight_shared::msg::DroneState;
-use alight_shared::time::{DroneTime, Span};
+use alight_shared::{
+    frames::{wrap_angle, wxyz, yaw_rotation},
+    msg::DroneState,
+    time::{DroneTime, Span},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::odometry::origin::yaw_jump;
@@ -137,8 +139,7 @@ impl DroneTrack {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     fn state(t: f64, x: f64) -> DroneState {
         DroneState {

@@ -4,9 +4,11 @@
 use core::f64::consts::FRAC_PI_2;
 use std::collections::VecDeque;
 
-use alight_shared::msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel};
-use alight_shared::time::{DroneClock, DroneTime};
-use alight_shared::vessel_model::{HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_shared::{
+    msg::{PREDICTION_STAGES, Seq, VesselPrediction, WaveModel},
+    time::{DroneClock, DroneTime},
+    vessel_model::{HEAVE, Mode, Modes, PITCH, ROLL, SURGE, SWAY, YAW},
+};
 use nalgebra::{Complex, Rotation2, Vector3};
 
 use super::config::PredictorConfig;

@@ -1,7 +1,6 @@
 //! Estimates in flight: hover thrust, unmodelled lift, lateral disturbance.
 
-use alight_shared::estimation::low_pass;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::{estimation::low_pass, geometry::GRAVITY};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::config::TrackingConfig;

@@ -8,13 +8,17 @@
 mod config;
 mod estimate;
 
-use alight_shared::frames::wxyz;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DroneState, PlanStage, SetPoint, SetPointKind};
+use alight_shared::{
+    frames::wxyz,
+    geometry::GRAVITY,
+    msg::{DroneState, PlanStage, SetPoint, SetPointKind},
+};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
-use crate::contingency::Body;
-use crate::flatness::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited};
+use crate::{
+    contingency::Body,
+    flatness::{attitude_of_thrust, lead, rates_of, slewed, thrust_of_attitude, tilt_limited},
+};
 pub use config::TrackingConfig;
 pub(crate) use estimate::FlightEstimator;
 

@@ -5,11 +5,14 @@
 
 use std::cell::RefCell;
 
-use alight_shared::node::Node;
-use alight_shared::tags::{DeckTag, Tags};
-use alight_shared::time::Time;
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraSettings, GreyImage, Lens, TagSettings};
+use alight_shared::{
+    node::Node,
+    tags::{DeckTag, Tags},
+    time::Time,
+};
+use alight_uav::camera::{
+    CameraFrame, CameraIn, CameraNode, CameraSettings, GreyImage, Lens, TagSettings, node::CameraIdentity,
+};
 use proptest::prelude::*;
 
 const CODE_0: u64 = 0xd_5d62_8584;

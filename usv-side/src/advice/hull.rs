@@ -17,8 +17,10 @@
 //! vessel model (Fossen 2011, sections 8.1 and 8.2; Faltinsen 1990, chapter 3). In the horizontal directions, the
 //! wave's pressure accelerates the hull like the water that it displaces, at any speed.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
+use alight_shared::{
+    geometry::GRAVITY,
+    vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig},
+};
 use nalgebra::{Complex, Vector3};
 
 /// Averaging time of slopes, s, as for the apparent slope.

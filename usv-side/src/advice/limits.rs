@@ -1,7 +1,6 @@
 //! Limits on the advised course set by the skipper: change of heading, speeds, and keep-out sectors.
 
-use alight_shared::config;
-use alight_shared::frames::wrap_angle;
+use alight_shared::{config, frames::wrap_angle};
 
 /// Angular step for checking headings, rad: 1 deg.
 const STEP_RAD: f64 = core::f64::consts::PI / 180.0;

@@ -19,16 +19,18 @@ mod waves;
 
 use core::f64::consts::TAU;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::landing::{
-    BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Staying, SupportPolygon,
-    WAITING_COST_PER_MIN, WindPush, alignment_mps, wind_during_alignment,
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    landing::{
+        BLIND_S, CONTACT_MPS, Contact, FRICTION, Margins, REACTION_S, Slopes, Staying, SupportPolygon,
+        WAITING_COST_PER_MIN, WindPush, alignment_mps, wind_during_alignment,
+    },
+    motion_model::{MotionModel, MotionSample},
+    msg::{CourseAdvice, SLOPE_STEP, SLOPE_WINDOWS, Seq},
+    time::{Span, VesselClock, VesselTime},
+    vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig},
 };
-use alight_shared::motion_model::{MotionModel, MotionSample};
-use alight_shared::msg::{CourseAdvice, SLOPE_STEP, SLOPE_WINDOWS, Seq};
-use alight_shared::time::{Span, VesselClock, VesselTime};
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, VesselModelConfig};
 use nalgebra::{Rotation2, Vector2};
 use serde::Serialize;
 

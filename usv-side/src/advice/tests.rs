@@ -1,7 +1,6 @@
 //! Advice in seas of one wave system on a hull that follows it.
 
-use alight_shared::time::Time;
-use alight_shared::vessel_model::DOFS;
+use alight_shared::{time::Time, vessel_model::DOFS};
 
 use super::*;
 

@@ -9,11 +9,13 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::motion_model::{MotionSample, SAMPLE_S};
-use alight_shared::time::VesselClock;
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::GRAVITY,
+    motion_model::{MotionSample, SAMPLE_S},
+    time::VesselClock,
+    vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY},
+};
 use core::f64::consts::TAU;
 use nalgebra::{Complex, Vector2, Vector3};
 

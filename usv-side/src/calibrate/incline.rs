@@ -10,8 +10,10 @@
 //! pressed deeper is stiffer if its sides flare. In simulation, 60 kg on a boat of 211 kg overestimate G by 2 to 10 % in
 //! roll and 1 to 5 % in pitch. A lighter weight causes less error and less tilt.
 
-use alight_shared::estimation::{ValueWithSd, median};
-use alight_shared::geometry::GRAVITY;
+use alight_shared::{
+    estimation::{ValueWithSd, median},
+    geometry::GRAVITY,
+};
 
 use super::decay::{Decay, DecaySignal};
 

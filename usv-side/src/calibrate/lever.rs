@@ -7,8 +7,7 @@
 //! Over a few seconds, the initial value `v_0` and the ramp caused by tilt error and accelerometer bias are
 //! unknown in each window. They are projected out (Frisch, Waugh and Lovell); the rest is linear in `r`.
 
-use alight_shared::estimation::ValueWithSd;
-use alight_shared::msg::GnssFix;
+use alight_shared::{estimation::ValueWithSd, msg::GnssFix};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// Length of a window, s: a wave period, within which biases are constant.

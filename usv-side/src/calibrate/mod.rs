@@ -12,14 +12,15 @@ pub mod decay;
 pub mod incline;
 pub mod lever;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message};
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
+use alight_shared::{
+    frames::wrap_angle,
+    geometry::GRAVITY,
+    msg::{GnssFix, HeadingFix, ImuSample, Message},
+    vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::VesselNodeConfig;
-use crate::sensors::Readings;
+use crate::{VesselNodeConfig, sensors::Readings};
 pub use alight_shared::estimation::ValueWithSd;
 pub use decay::{Decay, DecayOrder, DecaySignal, NotObservable};
 pub use incline::{RestTilt, Stiffness, Weight};
@@ -240,9 +241,7 @@ pub fn identify(signals: &[DecaySignal; DOFS]) -> [Result<Decay, NotObservable>;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::geodesy::Datum;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{geodesy::Datum, msg::Header, time::Time};
 
     /// A vessel that rolls and pitches about its reference point in two waves while drifting north.
     fn rocked(amplitude: f64, antenna: Vector3<f64>) -> Record {

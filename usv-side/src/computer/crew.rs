@@ -2,9 +2,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::{CrewOrder, DeckOrder, MAX_ORDERS, Seq};
-use alight_shared::time::VesselTime;
-use alight_shared::topics;
+use alight_shared::{
+    msg::{CrewOrder, DeckOrder, MAX_ORDERS, Seq},
+    time::VesselTime,
+    topics,
+};
 
 use super::VesselEvent;
 
@@ -46,8 +48,7 @@ impl CrewOrders {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header, time::Time};
 
     #[test]
     fn crew_orders_taken_once_and_in_time() {

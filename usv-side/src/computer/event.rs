@@ -5,8 +5,7 @@ use alight_shared::msg::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::deck::ClearanceEnd;
-use crate::sensors::MAX_REPEATED;
+use crate::{deck::ClearanceEnd, sensors::MAX_REPEATED};
 
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum VesselEvent {

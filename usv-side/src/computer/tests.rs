@@ -1,7 +1,9 @@
 use super::*;
 use crate::fixtures::rtcm_frame;
-use alight_shared::msg::{CommandKind, DeckOrder, Header, Reason, ReasonCode, State, TimeRequest};
-use alight_shared::time::Time;
+use alight_shared::{
+    msg::{CommandKind, DeckOrder, Header, Reason, ReasonCode, State, TimeRequest},
+    time::Time,
+};
 
 fn computer() -> VesselComputer {
     VesselComputer::new(&VesselNodeConfig::default(), &DeckConfig::default(), 1, 9)

@@ -31,25 +31,29 @@
 
 use core::mem::discriminant;
 
-use alight_shared::admission::check_message;
-use alight_shared::msg::{
-    Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, LandedState,
-    PLACES, STATION_APART_M, SilentDrone, Starved, State,
+use alight_shared::{
+    admission::check_message,
+    msg::{
+        Closure, Course, DECK_CLOSED, DeckDimensions, DeckGrant, DeckOrder, DroneStatus, Header, LandedState,
+        PLACES, STATION_APART_M, SilentDrone, Starved, State,
+    },
+    node::Node,
+    time::{Span, Time, VesselClock, VesselTime},
+    topics,
 };
-use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock, VesselTime};
-use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
 mod claim;
 pub(crate) mod clearance;
 mod drone;
 
-use super::MAX_DRONES;
-use super::checkpoint::{Claim, DeckCheckpoint, DroneClaim};
-use super::config::DeckConfig;
-use super::inputs::{DeckInputs, Reading};
-use super::stated_course::StatedCourse;
+use super::{
+    MAX_DRONES,
+    checkpoint::{Claim, DeckCheckpoint, DroneClaim},
+    config::DeckConfig,
+    inputs::{DeckInputs, Reading},
+    stated_course::StatedCourse,
+};
 use claim::ClaimEvidence;
 use clearance::{Clearance, Clearances, StandingCharge};
 use drone::Drone;

@@ -1,8 +1,10 @@
 //! Checkpoint of the deck for a restart of the vessel's process or computer: owner, closure, and operator commands.
 
-use alight_shared::admission::Sender;
-use alight_shared::msg::{Closure, OperatorCommand};
-use alight_shared::time::VesselClock;
+use alight_shared::{
+    admission::Sender,
+    msg::{Closure, OperatorCommand},
+    time::VesselClock,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

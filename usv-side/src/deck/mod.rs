@@ -8,8 +8,7 @@ pub mod monitor;
 pub mod operator;
 mod stated_course;
 
-pub use arbiter::clearance::ClearanceEnd;
-pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter};
+pub use arbiter::{ArbiterIn, ArbiterOut, DeckArbiter, clearance::ClearanceEnd};
 pub use checkpoint::{Claim, DeckCheckpoint, DroneClaim, GivenCommand};
 pub use config::DeckConfig;
 pub use inputs::DeckInputs;

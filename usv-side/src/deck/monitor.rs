@@ -2,9 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::admission::{Arrival, check_message};
-use alight_shared::msg::DroneStatus;
-use alight_shared::time::{VesselClock, VesselTime};
+use alight_shared::{
+    admission::{Arrival, check_message},
+    msg::DroneStatus,
+    time::{VesselClock, VesselTime},
+};
 use nalgebra::Vector2;
 
 use super::MAX_DRONES;
@@ -88,9 +90,11 @@ impl DroneMonitor {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::admission::Sender;
-    use alight_shared::msg::{Header, State, message_version};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        admission::Sender,
+        msg::{Header, State, message_version},
+        time::Time,
+    };
 
     fn status(vessel: u32, drone: u32, sequence: u32, state: State) -> Arrival<VesselClock, DroneStatus> {
         let message = DroneStatus {

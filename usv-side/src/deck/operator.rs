@@ -17,19 +17,16 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::admission::{
-    Arrival, RejectionReason, Rejections, Retransmission, Sender, check_identity,
+use alight_shared::{
+    admission::{Arrival, RejectionReason, Rejections, Retransmission, Sender, check_identity},
+    msg::{CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand},
+    node::Node,
+    time::{Span, VesselClock, VesselTime},
+    topics,
 };
-use alight_shared::msg::{
-    CommandKind, CommandProgress, CommandReceipt, DroneStatus, Header, OperatorCommand,
-};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, VesselClock, VesselTime};
-use alight_shared::topics;
 use serde::{Deserialize, Serialize};
 
-use super::MAX_DRONES;
-use super::checkpoint::GivenCommand;
+use super::{MAX_DRONES, checkpoint::GivenCommand};
 
 /// Maximum number of stored commands: at most one open command per drone, and the newest others.
 const MAX_COMMANDS: usize = 4 * MAX_DRONES;

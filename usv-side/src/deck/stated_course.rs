@@ -1,10 +1,11 @@
 //! Course and speed as stated by the helm's switch, and by orders from a terminal on board.
 
-use alight_shared::msg::{Course, MAX_STEADY_S};
-use alight_shared::time::{Span, VesselTime};
+use alight_shared::{
+    msg::{Course, MAX_STEADY_S},
+    time::{Span, VesselTime},
+};
 
-use super::config::DeckConfig;
-use super::inputs::Reading;
+use super::{config::DeckConfig, inputs::Reading};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Ordered {

@@ -6,8 +6,10 @@
 //! Under such motion an accelerometer carries less information on tilt. The larger disturbance in surge and sway
 //! accounts for this: the gyroscope then determines the tilt.
 
-use alight_shared::time::{Span, VesselTime};
-use alight_shared::vessel_model::VesselModelConfig;
+use alight_shared::{
+    time::{Span, VesselTime},
+    vessel_model::VesselModelConfig,
+};
 
 /// Time constant of the mean innovation, s (our choice: several periods of a fast platform).
 const MEMORY_S: f64 = 2.0;

@@ -1,9 +1,11 @@
 //! Attitude sensor that replaces a missing inertial sensor. The model propagates the state between attitudes.
 
-use alight_shared::estimation::Update;
-use alight_shared::msg::AttitudeFix;
-use alight_shared::time::VesselTime;
-use alight_shared::vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt};
+use alight_shared::{
+    estimation::Update,
+    msg::AttitudeFix,
+    time::VesselTime,
+    vessel_model::{ETA, HEAVE, NU, PITCH, ROLL, Term, YAW, turn_tilt},
+};
 use nalgebra::Vector3;
 
 use super::{InnovationChannel, STEP_S, VesselFilter};

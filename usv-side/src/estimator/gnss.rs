@@ -2,15 +2,16 @@
 
 use core::f64::consts::FRAC_PI_2;
 
-use alight_shared::estimation::AidSource;
-use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD};
-use alight_shared::time::{VesselClock, VesselTime};
-use alight_shared::vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW};
+use alight_shared::{
+    estimation::AidSource,
+    frames::{VesselNed, wrap_angle},
+    msg::{GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD},
+    time::{VesselClock, VesselTime},
+    vessel_model::{ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, YAW},
+};
 use nalgebra::{Rotation2, Vector2, Vector3};
 
-use super::history::PastState;
-use super::{GNSS_BIAS, InnovationChannel, STEP_S, VesselFilter};
+use super::{GNSS_BIAS, InnovationChannel, STEP_S, VesselFilter, history::PastState};
 use crate::VesselNodeConfig;
 
 /// Gate on the normalised innovation squared (5 standard deviations).

@@ -5,8 +5,10 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::time::VesselTime;
-use alight_shared::vessel_model::{ETA, NU, PITCH, ROLL, YAW};
+use alight_shared::{
+    time::VesselTime,
+    vessel_model::{ETA, NU, PITCH, ROLL, YAW},
+};
 
 use super::{Tilt, VesselFilter};
 

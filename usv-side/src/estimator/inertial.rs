@@ -1,10 +1,12 @@
 //! Gyroscope and accelerometer.
 
-use alight_shared::estimation::Update;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::ImuSample;
-use alight_shared::vessel_model::{
-    DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, VesselModelConfig, YAW,
+use alight_shared::{
+    estimation::Update,
+    geometry::GRAVITY,
+    msg::ImuSample,
+    vessel_model::{
+        DISTURBANCE, ETA, HEAD, HEAVE, NU, PITCH, ROLL, SURGE, SWAY, Term, VesselModelConfig, YAW,
+    },
 };
 use nalgebra::Vector3;
 

@@ -17,15 +17,17 @@ mod speed_gain;
 mod tilt;
 mod velocity_lag;
 
-use alight_shared::estimation::AidSource;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geodesy::Datum;
-use alight_shared::motion_model::{MeasuredErrors, MotionModel};
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES};
-use alight_shared::time::{Span, VesselClock, VesselTime};
-use alight_shared::vessel_model::{
-    Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE, SWAY,
-    Term, VesselModel, YAW,
+use alight_shared::{
+    estimation::AidSource,
+    frames::wrap_angle,
+    geodesy::Datum,
+    motion_model::{MeasuredErrors, MotionModel},
+    msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES},
+    time::{Span, VesselClock, VesselTime},
+    vessel_model::{
+        Belief, BeliefSpec, BeliefStep, DISTURBANCE, ETA, Extra, HEAD, HEAVE, NU, PITCH, ROLL, SLOW, SURGE,
+        SWAY, Term, VesselModel, YAW,
+    },
 };
 use nalgebra::{Rotation2, Vector2, Vector3};
 

@@ -1,18 +1,19 @@
 //! Messages from the filter's state.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::motion_model::{FADE_S, MotionSample};
-use alight_shared::msg::{
-    Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, Seq, VesselEstimate, VesselPrediction,
-    WaveMode, WaveModel, f16,
+use alight_shared::{
+    frames::wrap_angle,
+    motion_model::{FADE_S, MotionSample},
+    msg::{
+        Header, PREDICTION_STAGES, PredictedStage, SLOPE_WINDOWS, Seq, VesselEstimate, VesselPrediction,
+        WaveMode, WaveModel, f16,
+    },
+    time::{VesselClock, VesselTime},
+    vessel_model::{ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt},
 };
-use alight_shared::time::{VesselClock, VesselTime};
-use alight_shared::vessel_model::{ETA, HEAVE, Modes, NU, PITCH, ROLL, SURGE, SWAY, YAW, turn_tilt};
 use nalgebra::{Rotation2, Vector2};
 
 use super::{GNSS_BIAS, Tilt, VesselFilter};
-use crate::VesselNodeConfig;
-use crate::advice::Underway;
+use crate::{VesselNodeConfig, advice::Underway};
 
 /// Standard deviation of the unknown part of a receiver's latency, s. Our choice: positions at 10 Hz arrive
 /// 20 to 100 ms late according to the receivers' data sheets, and the minimum delay cannot be observed. The

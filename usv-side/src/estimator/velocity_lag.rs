@@ -10,9 +10,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::MAX_SOURCES;
-use alight_shared::time::{Span, VesselTime};
+use alight_shared::{
+    frames::wrap_angle,
+    msg::MAX_SOURCES,
+    time::{Span, VesselTime},
+};
 use nalgebra::Vector2;
 
 /// Spacing of the candidate lags, s, up to [`MAX_LAG_S`].

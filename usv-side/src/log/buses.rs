@@ -5,8 +5,7 @@ use std::borrow::Cow;
 
 use alight_shared::time::Time;
 
-use super::wrapping::Peeled;
-use super::{Gather, LogError, SensorRecording};
+use super::{Gather, LogError, SensorRecording, wrapping::Peeled};
 use crate::sensors::{Format, Mount, Mounting, SensorDecoder, SourceMeasurement};
 
 /// Number of lines inspected, and minimum number of valid messages in them.

@@ -18,17 +18,24 @@
 //! Rates without accelerations are interpolated to the times of attitudes; heaves and rates on separate rows
 //! are joined with interpolated attitudes and accelerations.
 
-use alight_shared::estimation::median;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, Decoded, GnssFix, NOT_MEASURED_SD};
-
-use super::table::Quantity::{
-    Altitude, Down, East, ForceX, ForceY, ForceZ, GyroX, GyroY, GyroZ, Heading, Heave, Latitude, Longitude,
-    North, Pitch, Roll, Surge, Sway,
+use alight_shared::{
+    estimation::median,
+    frames::wrap_angle,
+    geodesy::Datum,
+    msg::{AttitudeFix, Decoded, GnssFix, NOT_MEASURED_SD},
 };
-use super::table::{CsvRow, CsvTable, Quantity, TableError};
-use super::{Gather, LogError, MAX_MEASUREMENTS, SensorRecording};
+
+use super::{
+    Gather, LogError, MAX_MEASUREMENTS, SensorRecording,
+    table::{
+        CsvRow, CsvTable, Quantity,
+        Quantity::{
+            Altitude, Down, East, ForceX, ForceY, ForceZ, GyroX, GyroY, GyroZ, Heading, Heave, Latitude,
+            Longitude, North, Pitch, Roll, Surge, Sway,
+        },
+        TableError,
+    },
+};
 use crate::sensors::{Measurement, Mount, Mounting, SourceMeasurement};
 
 const TOGETHER: [&[Quantity]; 6] = [

@@ -6,8 +6,10 @@ mod sentences;
 pub mod table;
 mod wrapping;
 
-use alight_shared::msg::{Decoded, Header, NOT_MEASURED_SD};
-use alight_shared::time::{Span, Time, VesselTime};
+use alight_shared::{
+    msg::{Decoded, Header, NOT_MEASURED_SD},
+    time::{Span, Time, VesselTime},
+};
 use thiserror::Error;
 
 use crate::sensors::{ACTISENSE, Format, Measurement, Mount, Remark, SourceMeasurement, plausible};
@@ -308,8 +310,10 @@ fn has_json(head: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{damage, damaged, nav_pvt, sentence};
-    use crate::sensors::HeaveSign;
+    use crate::{
+        fixtures::{damage, damaged, nav_pvt, sentence},
+        sensors::HeaveSign,
+    };
     use proptest::prelude::*;
 
     fn good() -> [Vec<u8>; 2] {

@@ -3,8 +3,7 @@
 use alight_shared::msg::Decoded;
 use std::collections::BTreeMap;
 
-use super::wrapping::Peeled;
-use super::{Gather, LogError, SensorRecording, buses};
+use super::{Gather, LogError, SensorRecording, buses, wrapping::Peeled};
 use crate::sensors::{ANGLES, Format, Mount, Mounting, NmeaDecoder, SensorDecoder};
 
 /// Maximum number of kinds distinguished, and of kinds listed.

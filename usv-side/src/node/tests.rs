@@ -1,10 +1,12 @@
 //! Invalid input to the node is counted, and causes neither a panic nor an unsafe message.
 
-use alight_shared::admission::{RejectionReason, Rejections};
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD};
-use alight_shared::time::{DroneTime, Time};
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY};
-use alight_shared::wire::{decode, encode};
+use alight_shared::{
+    admission::{RejectionReason, Rejections},
+    msg::{GnssFix, HeadingFix, ImuSample, Message, NOT_MEASURED_SD},
+    time::{DroneTime, Time},
+    vessel_model::{HEAVE, PITCH, ROLL, SURGE, SWAY},
+    wire::{decode, encode},
+};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

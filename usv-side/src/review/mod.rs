@@ -5,19 +5,23 @@
 mod predictions;
 pub mod ridge;
 
-use alight_shared::estimation::median;
-use alight_shared::msg::{Decoded, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, VesselTime};
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
+use alight_shared::{
+    estimation::median,
+    msg::{Decoded, GnssFix, HeadingFix, MAX_SOURCES, NOT_MEASURED_SD, WaveMode},
+    node::Node,
+    time::{Span, VesselTime},
+    vessel_model::{HEAVE, PITCH, ROLL},
+};
 use serde::Serialize;
 
-use crate::VesselNodeConfig;
-use crate::advice::CourseOutlook;
-use crate::estimator::{Consistency, InnovationChannel, InnovationStatistics};
-use crate::log::SensorRecording;
-use crate::node::{KINDS, SourceCounts, VesselNode};
-use crate::sensors::{Measurement, Readings};
+use crate::{
+    VesselNodeConfig,
+    advice::CourseOutlook,
+    estimator::{Consistency, InnovationChannel, InnovationStatistics},
+    log::SensorRecording,
+    node::{KINDS, SourceCounts, VesselNode},
+    sensors::{Measurement, Readings},
+};
 use predictions::Predictions;
 pub use predictions::{HORIZONS_S, PredictionReview};
 

@@ -2,9 +2,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{VesselEstimate, VesselPrediction};
-use alight_shared::time::{Span, VesselClock, VesselTime};
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{VesselEstimate, VesselPrediction},
+    time::{Span, VesselClock, VesselTime},
+};
 use serde::Serialize;
 
 use super::ridge::{PublishedMotion, RefittedRidge};

@@ -3,9 +3,11 @@
 //! Roll, pitch, heave and their rates at 24 lags over 5.6 s predict roll, pitch and heave one horizon ahead
 //! (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
-use alight_shared::msg::VesselEstimate;
-use alight_shared::time::{Span, VesselClock, VesselTime};
-use alight_shared::vessel_model::{HEAVE, PITCH, ROLL};
+use alight_shared::{
+    msg::VesselEstimate,
+    time::{Span, VesselClock, VesselTime},
+    vessel_model::{HEAVE, PITCH, ROLL},
+};
 use nalgebra::{DMatrix, DVector};
 
 const STEP_S: f64 = 0.1;

@@ -9,16 +9,21 @@
 mod devices;
 mod network;
 
-use alight_shared::geodesy::Datum;
-use alight_shared::geoid::LocalGeoid;
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
+use alight_shared::{
+    geodesy::Datum,
+    geoid::LocalGeoid,
+    msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD},
+};
 
-use super::heights::{ANTENNA_M, DOUBTFUL_M};
-use super::nmea::account::{Account, Why};
-use super::nmea::sentences::{MAGNETIC_SD, STILL_MPS, VELOCITY_SD, accuracy};
-use super::{Measurement, Mounting, Remark};
-pub(super) use devices::PLACES;
-pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, TILTS, TURNS, is_near};
+use super::{
+    Measurement, Mounting, Remark,
+    heights::{ANTENNA_M, DOUBTFUL_M},
+    nmea::{
+        account::{Account, Why},
+        sentences::{MAGNETIC_SD, STILL_MPS, VELOCITY_SD, accuracy},
+    },
+};
+pub(super) use devices::{DeviceSample, HEADINGS, PAIR_NS, PLACES, TILTS, TURNS, is_near};
 use devices::{RATES, VELOCITIES};
 pub(super) use network::{Devices, Variations};
 

@@ -1,15 +1,18 @@
 //! Configuration of a vessel's sources: format, mounting, and accuracy where a source states none.
 
-use alight_shared::config;
-use alight_shared::config::{ConfigError, Keys};
-use alight_shared::frames::wrap_angle;
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD};
+use alight_shared::{
+    config,
+    config::{ConfigError, Keys},
+    frames::wrap_angle,
+    geodesy::Datum,
+    msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, MAX_SOURCES, NOT_MEASURED_SD},
+};
 use nalgebra::{Quaternion, Rotation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::rtcm::NoMeasurements;
-use super::{MavlinkDecoder, N2kDecoder, NmeaDecoder, SensorDecoder, SignalKDecoder, UbxDecoder};
+use super::{
+    MavlinkDecoder, N2kDecoder, NmeaDecoder, SensorDecoder, SignalKDecoder, UbxDecoder, rtcm::NoMeasurements,
+};
 use crate::config::{GnssConfig, ImuConfig};
 
 /// Sign of a source's heave.

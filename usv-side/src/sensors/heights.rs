@@ -1,7 +1,9 @@
 //! Heights above the ellipsoid from heights above the sea, by a receiver's separation or a geoid model.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::geoid::{LocalGeoid, Undulation};
+use alight_shared::{
+    geodesy::Datum,
+    geoid::{LocalGeoid, Undulation},
+};
 
 use super::Remark;
 

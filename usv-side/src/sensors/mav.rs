@@ -2,18 +2,21 @@
 //! (with GPS_GLOBAL_ORIGIN for its position), and ESTIMATOR_STATUS or EKF_STATUS_REPORT for the validity of the
 //! attitude. One of the systems on the link is the vessel's ([`crate::mavlink_systems`]).
 
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::fields;
-use alight_shared::mavlink::{
-    self, EKF_STATUS_REPORT, FrameReader, MAX_WAITING, MavlinkSender, MessageData as _, RawFrame, Signing,
-    dialect as m,
+use alight_shared::{
+    geodesy::Datum,
+    mavlink::{
+        self, EKF_STATUS_REPORT, FrameReader, MAX_WAITING, MavlinkSender, MessageData as _, RawFrame,
+        Signing, dialect as m, fields,
+    },
+    msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD},
 };
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, ImuSample, NOT_MEASURED_SD};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::heights::EllipsoidHeights;
-use super::nmea::account::{Account, Why};
-use super::{Decoded, Mounting, Remark, SensorDecoder, SourceMeasurement, euler};
+use super::{
+    Decoded, Mounting, Remark, SensorDecoder, SourceMeasurement, euler,
+    heights::EllipsoidHeights,
+    nmea::account::{Account, Why},
+};
 use crate::mavlink_systems::{AUTOPILOT, Systems};
 
 /// `RAW_IMU` of ArduPilot: m/s² per mG, rad/s per mrad/s.

@@ -29,9 +29,11 @@ pub use signalk::{MAX_MESSAGE as MAX_SIGNALK_MESSAGE, SignalKDecoder};
 pub use stuck::{MAX_REPEATED, RepeatedSamples};
 pub use ubx::UbxDecoder;
 
-use alight_shared::mavlink::Signing;
-use alight_shared::msg::{AttitudeFix, Decoded, GnssFix, Header, HeadingFix, ImuSample, SensorReadings, Seq};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    mavlink::Signing,
+    msg::{AttitudeFix, Decoded, GnssFix, Header, HeadingFix, ImuSample, SensorReadings, Seq},
+    time::{Time, VesselClock},
+};
 use serde::{Deserialize, Serialize};
 
 /// Measurements that arrived together.

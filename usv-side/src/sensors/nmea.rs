@@ -16,18 +16,21 @@ pub(super) mod partner;
 pub(super) mod sentences;
 mod shape;
 
-use alight_shared::estimation::Rollover;
-use alight_shared::geodesy::Datum;
-use alight_shared::lines::{Cut, LineBuffer};
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD};
-use alight_shared::time::{Time, VesselClock};
-use nmea_kit::nmea::NmeaSentence;
-use nmea_kit::{NmeaFrame, parse_frame};
+use alight_shared::{
+    estimation::Rollover,
+    geodesy::Datum,
+    lines::{Cut, LineBuffer},
+    msg::{AttitudeFix, GnssFix, HeadingFix, NOT_MEASURED_SD},
+    time::{Time, VesselClock},
+};
+use nmea_kit::{NmeaFrame, nmea::NmeaSentence, parse_frame};
 
-use super::bus::{Devices, HEADINGS, PLACES, TILTS, TURNS, Variations};
-use super::clock::{DAY_NS, time_of_day_ns};
-use super::heights::EllipsoidHeights;
-use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
+use super::{
+    Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement,
+    bus::{Devices, HEADINGS, PLACES, TILTS, TURNS, Variations},
+    clock::{DAY_NS, time_of_day_ns},
+    heights::EllipsoidHeights,
+};
 use account::{Account, Why};
 use attribution::Attribution;
 use carried::{Carried, CarriedMessage};

@@ -1,24 +1,25 @@
 //! Node of all sources of a vessel: bytes to measurements on the vessel's clock, and source statistics.
 
-use alight_shared::bus::wiring;
-use alight_shared::estimation::SourceClock;
-use alight_shared::frames::{Vector, VesselNed};
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::Signing;
-use alight_shared::msg::{Header, NOT_MEASURED_SD, RtcmFrames, SensorReadings, SourceStatus};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::{
+    bus::wiring,
+    estimation::SourceClock,
+    frames::{Vector, VesselNed},
+    geodesy::Datum,
+    mavlink::Signing,
+    msg::{Header, NOT_MEASURED_SD, RtcmFrames, SensorReadings, SourceStatus},
+    node::Node,
+    time::{Span, Time, VesselClock},
+};
 use serde::{Deserialize, Serialize};
 
-use super::age_counts::{AgeCounts, LineDelay};
-use super::plausible::{Movement, Plausibility};
-use super::rtcm::RtcmTraffic;
 use super::{
     Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
     SourcesConfig, UNWITNESSED,
+    age_counts::{AgeCounts, LineDelay},
+    plausible::{Movement, Plausibility},
+    rtcm::RtcmTraffic,
 };
-use crate::VesselNodeConfig;
-use crate::node::KINDS;
+use crate::{VesselNodeConfig, node::KINDS};
 
 /// Maximum number of bytes of a source per step; the rest is lost and counted.
 pub const MAX_STEP_BYTES: usize = 1 << 16;

@@ -12,17 +12,21 @@ mod part;
 mod standstill;
 mod verdict;
 
-use alight_shared::msg::{AttitudeFix, GnssFix, MAX_SOURCES, NOT_MEASURED_SD};
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::{
+    msg::{AttitudeFix, GnssFix, MAX_SOURCES, NOT_MEASURED_SD},
+    time::{Span, Time, VesselClock},
+};
 
-use self::agreement::{Agreement, DERIVATIVES, YAW_RATE_S};
-use self::antenna::Inverted;
-use self::drift::Drift;
-use self::heave::Heave;
-use self::part::{PARTS, Part, Texts};
-use self::standstill::Contradicted;
 pub(crate) use self::standstill::Movement;
-use self::verdict::{ChannelState, Doubt, Taken, WINDOW_S};
+use self::{
+    agreement::{Agreement, DERIVATIVES, YAW_RATE_S},
+    antenna::Inverted,
+    drift::Drift,
+    heave::Heave,
+    part::{PARTS, Part, Texts},
+    standstill::Contradicted,
+    verdict::{ChannelState, Doubt, Taken, WINDOW_S},
+};
 use super::{Measurement, Remark};
 
 /// Maximum roll and pitch of a deck that has not capsized, rad (75 deg).

@@ -2,11 +2,13 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{RtcmFrames, Seq, SourceStatus};
-use alight_shared::rtcm::{self, RtcmDecoder, RtcmNumber};
-use alight_shared::time::{Span, Time, VesselClock};
-use alight_shared::topics;
+use alight_shared::{
+    geodesy::Datum,
+    msg::{RtcmFrames, Seq, SourceStatus},
+    rtcm::{self, RtcmDecoder, RtcmNumber},
+    time::{Span, Time, VesselClock},
+    topics,
+};
 
 use super::{Decoded, Remark, SensorDecoder, SourceMeasurement};
 use crate::rtcm_relay::BYTES_PER_S;

@@ -5,14 +5,20 @@
 
 mod parts;
 
-use alight_shared::estimation::Rollover;
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD};
-use ublox::proto27::{PacketRef, Proto27};
-use ublox::{FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket};
+use alight_shared::{
+    estimation::Rollover,
+    geodesy::Datum,
+    msg::{AttitudeFix, HeadingFix, NOT_MEASURED_SD},
+};
+use ublox::{
+    FixedBuffer, GnssFixType, Parser, ParserError, UbxPacket,
+    proto27::{PacketRef, Proto27},
+};
 
-use super::nmea::account::{Account, Why};
-use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
+use super::{
+    Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement,
+    nmea::account::{Account, Why},
+};
 use parts::{FixPart, FixParts, FixPlace, FixState, Grade};
 
 /// Maximum length of an unfinished message, bytes, above that of any used message.

@@ -1,10 +1,7 @@
 //! Addresses of autopilots and sensors in MAVSDK's form. A listening address may name the only accepted sender
 //! (`?from=HOST`); a Signal K server may need a token (`?token=FILE`).
 
-use std::fmt;
-use std::net::IpAddr;
-use std::path::PathBuf;
-use std::str::FromStr;
+use std::{fmt, net::IpAddr, path::PathBuf, str::FromStr};
 
 /// Default ports and rates: PX4's link for companion computers, ArduPilot's for the first TCP client, a Pixhawk's
 /// telemetry port, a Signal K server.

@@ -1,14 +1,11 @@
 //! Configuration keys that belong to the method: studies set them with a lab file (`--tuning`); a computer's file
 //! must not set them.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use alight_shared::config::{self, Check, ConfigError, Keys};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-use toml::de::DeTable;
-use toml::{Table, Value};
+use serde::{Serialize, de::DeserializeOwned};
+use toml::{Table, Value, de::DeTable};
 
 use crate::config::{DroneComputerConfig, VesselComputerConfig};
 

@@ -8,25 +8,26 @@ pub mod supervision;
 pub mod view;
 
 use alight_bridge::BridgeConfig;
-use alight_shared::admission::Sender;
-use alight_shared::config;
-use alight_shared::process::ProcessKind;
-use alight_shared::wire::MAX_RECORD_BYTES;
-use alight_transport::clock::ProcessClock;
-use alight_transport::radio::{RadioConfig, TlsConfig};
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::camera::motion_blur::longest_exposure_s;
-use alight_uav::computer::{self, DroneNodes};
-use alight_uav::settings::DroneSettings;
-use alight_usv::computer::VesselNodes;
-use alight_usv::sensors::SourcesConfig;
-use alight_usv::{DeckConfig, VesselNodeConfig};
+use alight_shared::{admission::Sender, config, process::ProcessKind, wire::MAX_RECORD_BYTES};
+use alight_transport::{
+    clock::ProcessClock,
+    radio::{RadioConfig, TlsConfig},
+};
+use alight_uav::{
+    autopilot::AutopilotLinkConfig,
+    camera::motion_blur::longest_exposure_s,
+    computer::{self, DroneNodes},
+    settings::DroneSettings,
+};
+use alight_usv::{DeckConfig, VesselNodeConfig, computer::VesselNodes, sensors::SourcesConfig};
 
-use crate::config::camera::{CameraSource, UltravioletSource};
-use crate::config::link_url::LinkUrl;
-use crate::config::recorder::RecorderConfig;
-use crate::config::supervision::Supervision;
-use crate::config::view::ViewConfig;
+use crate::config::{
+    camera::{CameraSource, UltravioletSource},
+    link_url::LinkUrl,
+    recorder::RecorderConfig,
+    supervision::Supervision,
+    view::ViewConfig,
+};
 
 const OF_DRONE: &str = "this is a drone's file: name the vessel's here, and this one as --drone-config or by alight drone --config";
 const OF_VESSEL: &str = "this is a vessel's file: name the drone's here, and this one as --vessel-config or by alight vessel --config";

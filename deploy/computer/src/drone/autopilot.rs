@@ -5,36 +5,42 @@
 //! rejected samples, resets of its clock, hover thrust, set-points sent, reopenings of the link, datagrams from
 //! foreign senders, RTCM frames forwarded and dropped, frames by signature.
 
-use std::future::pending;
-use std::sync::{Arc, Mutex};
-use std::time::Duration;
-
-use alight_shared::bus::{Bus, Edge, Ports as _, RowStep};
-use alight_shared::config;
-use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::msg::LinkCheckpoint;
-use alight_shared::process::ProcessKind;
-use alight_uav::autopilot::ais::AisDecoder;
-use alight_uav::autopilot::message::{AUTOPILOT_COMPONENT, Address, MavlinkFrame, MavlinkMessage};
-use alight_uav::autopilot::receiver::ReceiverDecoder;
-use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{
-    AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, AutopilotPorts, MAX_FRAMES,
+use std::{
+    future::pending,
+    sync::{Arc, Mutex},
+    time::Duration,
 };
-use alight_uav::computer::Installed as _;
+
+use alight_shared::{
+    bus::{Bus, Edge, Ports as _, RowStep},
+    config,
+    mavlink::{Signatures, Signing},
+    metrics::{Metric, MetricName},
+    msg::LinkCheckpoint,
+    process::ProcessKind,
+};
+use alight_uav::{
+    autopilot::{
+        AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, AutopilotPorts, MAX_FRAMES,
+        ais::AisDecoder,
+        message::{AUTOPILOT_COMPONENT, Address, MavlinkFrame, MavlinkMessage},
+        receiver::ReceiverDecoder,
+        wire::{Decoder, Encoder},
+    },
+    computer::Installed as _,
+};
 use tokio::time::{Interval, MissedTickBehavior, interval};
 use tracing::info;
 
-use crate::config::DroneComputerConfig;
-use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Exit};
-use crate::io::byte_link::ByteLink;
-use crate::io::peer::Speaks;
-use crate::io::wakes::Wakes;
-use crate::io::{mavlink_key, runtime};
-use crate::process::args::AutopilotArgs;
-use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
+use crate::{
+    config::{DroneComputerConfig, link_url::LinkUrl},
+    exit::{CliError, Exit},
+    io::{byte_link::ByteLink, mavlink_key, peer::Speaks, runtime, wakes::Wakes},
+    process::{
+        args::AutopilotArgs,
+        run::{AwaitedEdge, NodeView, Process, ProcessEdge},
+    },
+};
 
 /// Maximum time between steps without input.
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(10);

@@ -3,27 +3,35 @@
 use std::time::Duration;
 
 use alight_bridge::{Bridge, BridgeIn, BridgeOut, BridgePorts, Packet};
-use alight_shared::admission::Sender;
-use alight_shared::bus::{Bus, Edge, MAX_WAIT, Ports as _, RowStep};
-use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::radio::{RadioEnd, RadioTopic};
-use alight_shared::time::Stamped;
-use alight_shared::{config, wire};
-use alight_transport::TransportError;
-use alight_transport::clock::{ProcessClock, steady_ns};
+use alight_shared::{
+    admission::Sender,
+    bus::{Bus, Edge, MAX_WAIT, Ports as _, RowStep},
+    config,
+    metrics::{Metric, MetricName},
+    process::{ProcessKind, ProcessState},
+    radio::{RadioEnd, RadioTopic},
+    time::Stamped,
+    wire,
+};
+use alight_transport::{
+    TransportError,
+    clock::{ProcessClock, steady_ns},
+};
 use alight_uav::computer::Installed as _;
 use tokio::time::timeout;
 use tracing::{info, warn};
 
-use crate::config::DroneComputerConfig;
-use crate::exit::{CliError, Exit};
-use crate::io::runtime;
-use crate::io::wakes::Wakes;
-use crate::process::args::ProcessArgs;
-use crate::process::radio_keys::{drone_key, vessel_key};
-use crate::process::radio_port::RadioPort;
-use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
+use crate::{
+    config::DroneComputerConfig,
+    exit::{CliError, Exit},
+    io::{runtime, wakes::Wakes},
+    process::{
+        args::ProcessArgs,
+        radio_keys::{drone_key, vessel_key},
+        radio_port::RadioPort,
+        run::{AwaitedEdge, NodeView, Process, ProcessEdge},
+    },
+};
 
 /// Runs until stopped; sends the drone's status to the vessel at 2 Hz.
 pub fn run(args: &ProcessArgs) -> Result<Exit, CliError> {

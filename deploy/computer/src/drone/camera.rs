@@ -6,41 +6,53 @@
 //! markers; images with a single marker, without a position, of another size. Metrics of both cameras: time from
 //! exposure to detection (median, 99 %), reopenings of the source, exposure and gain.
 
-use std::marker::PhantomData;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
-use std::time::Duration;
+use std::{
+    marker::PhantomData,
+    sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel},
+    time::Duration,
+};
 
-use alight_shared::bus::{Bus, Edge, Ports as _, RowStep};
-use alight_shared::config::{self, Check as _, Keys};
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::metrics::{Metric, MetricName, MetricValue};
-use alight_shared::msg::{CameraLight, Reason, TagPose, UvdarFix};
-use alight_shared::node::Node;
-use alight_shared::tags::ForeignTag;
-use alight_shared::time::{DroneClock, DroneTime, Span, Time};
-use alight_transport::clock::ProcessClock;
-use alight_transport::images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic};
-use alight_transport::memory::Memory;
-use alight_transport::statistics::Quantiles;
-use alight_uav::camera::foreign_tags::ForeignTags;
-use alight_uav::camera::marked::{MAX_BYTES, MarkedImage};
-use alight_uav::camera::metering::{Exposed, Light};
-use alight_uav::camera::uvdar::{UvdarNode, UvdarOut};
-use alight_uav::camera::{CameraFrame, CameraIn, CameraNode, CameraOut, GreyImage, TagLight};
-use alight_uav::computer::Installed;
+use alight_shared::{
+    bus::{Bus, Edge, Ports as _, RowStep},
+    config::{self, Check as _, Keys},
+    geometry::DeckGeometry,
+    metrics::{Metric, MetricName, MetricValue},
+    msg::{CameraLight, Reason, TagPose, UvdarFix},
+    node::Node,
+    tags::ForeignTag,
+    time::{DroneClock, DroneTime, Span, Time},
+};
+use alight_transport::{
+    clock::ProcessClock,
+    images::{ImageHeader, ImagePublisher, ImageSubscriber, ImageTopic},
+    memory::Memory,
+    statistics::Quantiles,
+};
+use alight_uav::{
+    camera::{
+        CameraFrame, CameraIn, CameraNode, CameraOut, GreyImage, TagLight,
+        foreign_tags::ForeignTags,
+        marked::{MAX_BYTES, MarkedImage},
+        metering::{Exposed, Light},
+        uvdar::{UvdarNode, UvdarOut},
+    },
+    computer::Installed,
+};
 use serde_json::{Value, json};
 use tracing::warn;
 
-use crate::config::DroneComputerConfig;
-use crate::config::camera::CameraSource;
-use crate::drone::camera_source::Images;
-use crate::exit::{CliError, Exit};
-use crate::io::runtime;
-use crate::io::wakes::Wakes;
-use crate::process::args::CameraArgs;
-use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
-use crate::process::supervisor::pause;
-use crate::terminal;
+use crate::{
+    config::{DroneComputerConfig, camera::CameraSource},
+    drone::camera_source::Images,
+    exit::{CliError, Exit},
+    io::{runtime, wakes::Wakes},
+    process::{
+        args::CameraArgs,
+        run::{AwaitedEdge, NodeView, Process, ProcessEdge},
+        supervisor::pause,
+    },
+    terminal,
+};
 
 const IDLE_WAIT: Duration = Duration::from_millis(2);
 /// Maximum number of images that wait for the node; further images are dropped.

@@ -1,17 +1,23 @@
 //! Image sources: the simulated camera, a V4L2 device, files, a pipe of raw images.
 
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
 
 use alight_shared::time::{DroneTime, Span};
 use alight_transport::clock::{ProcessClock, since_monotonic_ns, steady_ns};
-use alight_uav::camera::metering::{Light, Setting};
-use alight_uav::camera::{CameraFrame, GreyImage};
+use alight_uav::camera::{
+    CameraFrame, GreyImage,
+    metering::{Light, Setting},
+};
 
-use crate::config::camera::CameraSource;
-use crate::drone::exposure::ExposureControl;
-use crate::exit::{CliError, Doing};
+use crate::{
+    config::camera::CameraSource,
+    drone::exposure::ExposureControl,
+    exit::{CliError, Doing},
+};
 
 const MAX_FILES: usize = 100_000;
 /// Lateness beyond which the schedule of files is shifted, ns.

@@ -10,14 +10,17 @@ pub mod pilot;
 
 use alight_shared::process::ProcessKind;
 
-use crate::config::DroneComputerConfig;
-use crate::config::supervision::Supervision;
-use crate::exit::{CliError, Exit};
-use crate::io::mavlink_key;
-use crate::process::args::{Scheduling, ServiceArgs};
-use crate::process::facts::Facts;
-use crate::process::sealed::SealedConfig;
-use crate::process::service::{self, ComputerService};
+use crate::{
+    config::{DroneComputerConfig, supervision::Supervision},
+    exit::{CliError, Exit},
+    io::mavlink_key,
+    process::{
+        args::{Scheduling, ServiceArgs},
+        facts::Facts,
+        sealed::SealedConfig,
+        service::{self, ComputerService},
+    },
+};
 
 impl Supervision {
     fn scheduling(&self, kind: ProcessKind) -> Scheduling {

@@ -1,9 +1,11 @@
 //! Metrics of the pilot's process: ages of the newest vessel measurement and of the odometry when the set-point is
 //! computed.
 
-use alight_shared::bus::{Edge, RowStep};
-use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    bus::{Edge, RowStep},
+    metrics::{Metric, MetricName},
+    time::DroneTime,
+};
 use alight_transport::statistics::Quantiles;
 use alight_uav::pilot::Pilot;
 

@@ -1,18 +1,26 @@
 //! Byte link to an autopilot or a sensor: UDP, TCP, serial, and lines of a boat's bus, on tokio. A separate
 //! task reopens a broken link, so neither a name lookup nor a silent peer delays readers and writers.
 
-use std::io::{self, ErrorKind};
-use std::net::SocketAddr;
-use std::time::Duration;
+use std::{
+    io::{self, ErrorKind},
+    net::SocketAddr,
+    time::Duration,
+};
 
 use alight_transport::readiness::watched;
-use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep_until};
+use tokio::{
+    task::JoinHandle,
+    time::{Instant, sleep_until},
+};
 
-use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Doing};
-use crate::io::link_end::{BOTH, LinkReceived, Open, open, resolve};
-use crate::io::peer::Speaks;
+use crate::{
+    config::link_url::LinkUrl,
+    exit::{CliError, Doing},
+    io::{
+        link_end::{BOTH, LinkReceived, Open, open, resolve},
+        peer::Speaks,
+    },
+};
 
 /// Delay before a link is first reopened; doubles with each failure.
 const INITIAL_BACKOFF: Duration = Duration::from_millis(100);

@@ -1,7 +1,6 @@
 //! Several byte links; a separate task reads and writes each.
 
-use std::collections::BTreeMap;
-use std::net::SocketAddr;
+use std::{collections::BTreeMap, net::SocketAddr};
 
 use tokio::sync::mpsc;
 

@@ -1,9 +1,11 @@
 //! CAN frames as lines in candump's format. The interface is only read: nothing is ever sent to a boat's bus.
 
 use core::fmt::Write;
-use std::fs::File;
-use std::io::{self, ErrorKind};
-use std::os::fd::OwnedFd;
+use std::{
+    fs::File,
+    io::{self, ErrorKind},
+    os::fd::OwnedFd,
+};
 
 use can_socket::CanSocket;
 

@@ -4,13 +4,17 @@
 //! active at ground, as for a switch to ground or a lamp fed from the supply. Any other text is the path of a file,
 //! such as `/sys/class/leds/helm/brightness`, or of a file through which a program drives another interface.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{Read, Write},
+    path::{Path, PathBuf},
+};
 
-use gpiocdev::Request;
-use gpiocdev::line::{Bias, Value};
-use gpiocdev::request::Builder;
+use gpiocdev::{
+    Request,
+    line::{Bias, Value},
+    request::Builder,
+};
 
 const MAX_BYTES: u64 = 16;
 const CHIP: &str = "/dev/gpiochip";

@@ -1,27 +1,35 @@
 //! Open end of a byte link: a socket, a serial port or a boat's bus.
 
 use core::task::{Context, Poll, Waker};
-use std::fs::{File, OpenOptions};
-use std::future::Future;
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::os::fd::AsRawFd;
-use std::os::unix::fs::OpenOptionsExt;
-use std::path::Path;
-use std::time::Duration;
+use std::{
+    fs::{File, OpenOptions},
+    future::Future,
+    io::{self, ErrorKind, Read, Write},
+    net::{IpAddr, SocketAddr, TcpListener, TcpStream, UdpSocket},
+    os::{fd::AsRawFd, unix::fs::OpenOptionsExt},
+    path::Path,
+    time::Duration,
+};
 
 use alight_transport::readiness::watched;
-use rustix::fs::{FlockOperation, OFlags, flock};
-use rustix::io::Errno;
-use rustix::termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr};
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
-use tokio::time::timeout;
+use rustix::{
+    fs::{FlockOperation, OFlags, flock},
+    io::Errno,
+    termios::{ControlModes, OptionalActions, ioctl_tiocexcl, tcgetattr, tcsetattr},
+};
+use tokio::{
+    io::{Interest, unix::AsyncFd},
+    time::timeout,
+};
 
-use crate::config::link_url::LinkUrl;
-use crate::io::can;
-use crate::io::peer::{LinkPeer, Speaks};
-use crate::io::web_socket::{self, SocketEnding};
+use crate::{
+    config::link_url::LinkUrl,
+    io::{
+        can,
+        peer::{LinkPeer, Speaks},
+        web_socket::{self, SocketEnding},
+    },
+};
 
 /// Timeout of a TCP connection, including the name lookup.
 const CONNECT: Duration = Duration::from_millis(300);

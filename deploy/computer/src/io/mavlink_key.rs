@@ -1,14 +1,17 @@
 //! Key of MAVLink 2 signing, and counts of signatures as metrics.
 
-use std::fs;
-use std::path::Path;
+use std::{fs, path::Path};
 
-use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::metrics::{Metric, MetricName, MetricValue};
+use alight_shared::{
+    mavlink::{Signatures, Signing},
+    metrics::{Metric, MetricName, MetricValue},
+};
 use sha2::{Digest, Sha256};
 
-use crate::exit::{CliError, Doing};
-use crate::io::wall::wall_ns;
+use crate::{
+    exit::{CliError, Doing},
+    io::wall::wall_ns,
+};
 
 const MAX_BYTES: u64 = 1024;
 /// Time from 1970 to 2015, in units of 10 us.
@@ -91,8 +94,10 @@ fn digits(line: &str) -> Option<[u8; 32]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_uav::autopilot::message::{Address, CommandLong};
-    use alight_uav::autopilot::wire::{Decoder, Encoder};
+    use alight_uav::autopilot::{
+        message::{Address, CommandLong},
+        wire::{Decoder, Encoder},
+    };
 
     const OF_ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 

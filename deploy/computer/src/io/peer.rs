@@ -2,9 +2,11 @@
 //! sender of valid messages from the permitted address; another sender replaces it only after a silence. A single
 //! sender may use a new port for each datagram; its ports do not recur, whereas the ports of two senders do.
 
-use std::net::{IpAddr, SocketAddr};
-use std::sync::Arc;
-use std::time::Duration;
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+    time::Duration,
+};
 
 use tokio::time::Instant;
 use tracing::{info, warn};

@@ -1,12 +1,9 @@
 //! Listeners of the topics that wake a row, awaited in tokio together with the row's edge.
 
-use std::future::poll_fn;
-use std::task::Poll;
+use std::{future::poll_fn, task::Poll};
 
-use alight_transport::memory::Listener;
-use alight_transport::readiness::watched;
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
+use alight_transport::{memory::Listener, readiness::watched};
+use tokio::io::{Interest, unix::AsyncFd};
 
 use crate::exit::{CliError, Doing};
 

@@ -1,22 +1,30 @@
 //! WebSocket to a Signal K server, with text messages both ways. A silent server is pinged; without a reply the
 //! connection is closed.
 
-use std::fs::{self, File};
-use std::io::{self, ErrorKind};
-use std::os::fd::OwnedFd;
-use std::path::Path;
-use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::{
+    fs::{self, File},
+    io::{self, ErrorKind},
+    os::fd::OwnedFd,
+    path::Path,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
 
 use alight_usv::sensors::MAX_SIGNALK_MESSAGE as MAX_MESSAGE;
 use futures_util::{SinkExt, StreamExt};
-use tokio::net::{TcpStream, UnixStream};
-use tokio::time::{Instant, timeout, timeout_at};
-use tokio_tungstenite::tungstenite::client::IntoClientRequest;
-use tokio_tungstenite::tungstenite::http::header::{AUTHORIZATION, HeaderValue};
-use tokio_tungstenite::tungstenite::protocol::WebSocketConfig;
-use tokio_tungstenite::tungstenite::{Error, Message};
-use tokio_tungstenite::{WebSocketStream, client_async_with_config};
+use tokio::{
+    net::{TcpStream, UnixStream},
+    time::{Instant, timeout, timeout_at},
+};
+use tokio_tungstenite::{
+    WebSocketStream, client_async_with_config,
+    tungstenite::{
+        Error, Message,
+        client::IntoClientRequest,
+        http::header::{AUTHORIZATION, HeaderValue},
+        protocol::WebSocketConfig,
+    },
+};
 
 /// Timeout of a connection, including the name lookup and the server's reply.
 const CONNECT: Duration = Duration::from_secs(3);
@@ -218,8 +226,10 @@ mod tests {
     use super::*;
     use crate::scratch::scratch;
     use tokio::net::TcpListener;
-    use tokio_tungstenite::accept_hdr_async;
-    use tokio_tungstenite::tungstenite::handshake::server::{ErrorResponse, Request, Response};
+    use tokio_tungstenite::{
+        accept_hdr_async,
+        tungstenite::handshake::server::{ErrorResponse, Request, Response},
+    };
 
     /// Simulated server: receives a client's messages, sends its own, and ends.
     async fn server(

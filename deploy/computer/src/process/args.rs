@@ -1,11 +1,12 @@
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use clap::Args;
 use tracing::warn;
 
-use crate::config::view::{FOXGLOVE, ViewConfig};
-use crate::process::scheduling;
+use crate::{
+    config::view::{FOXGLOVE, ViewConfig},
+    process::scheduling,
+};
 
 /// Flags of every process.
 #[derive(Args, Clone, Debug)]

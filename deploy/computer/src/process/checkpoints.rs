@@ -2,17 +2,20 @@
 //! long as the flight; a small file keeps the checkpoints through a crash of the supervisor. The flight's task also
 //! survives a reboot of the computer, in a file on the disk.
 
-use std::fs;
-use std::path::PathBuf;
+use std::{fs, path::PathBuf};
 
-use alight_shared::admission::Periodic;
-use alight_shared::checkpoint::{CheckpointStore, Republisher};
-use alight_shared::time::{DroneClock, DroneTime, Span};
+use alight_shared::{
+    admission::Periodic,
+    checkpoint::{CheckpointStore, Republisher},
+    time::{DroneClock, DroneTime, Span},
+};
 use alight_transport::memory::Memory;
 use tracing::{info, warn};
 
-use crate::exit::CliError;
-use crate::io::store::{Holds, Store, read, remove, replace};
+use crate::{
+    exit::CliError,
+    io::store::{Holds, Store, read, remove, replace},
+};
 
 const COMPUTER_BOOT: &str = "/proc/sys/kernel/random/boot_id";
 /// Period at which the file is written: a tenth of the shortest validity of a checkpoint.
@@ -201,8 +204,10 @@ impl LastingFile {
 mod tests {
     use super::*;
     use crate::scratch::scratch;
-    use alight_shared::msg::{Header, LinkCheckpoint, MissionCheckpoint};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        msg::{Header, LinkCheckpoint, MissionCheckpoint},
+        time::Time,
+    };
 
     #[test]
     fn lasting_file_of_a_sortie() {

@@ -3,18 +3,22 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_shared::landing::SupportPolygon;
-use alight_shared::msg::{
-    CertificateState, ComputerReport, DeckMotion, Header, Line, Name, Names, Seq, VesselReport,
+use alight_shared::{
+    landing::SupportPolygon,
+    msg::{CertificateState, ComputerReport, DeckMotion, Header, Line, Name, Names, Seq, VesselReport},
+    time::Time,
 };
-use alight_shared::time::Time;
-use alight_transport::clock::ProcessClock;
-use alight_transport::memory::{Memory, Publisher};
+use alight_transport::{
+    clock::ProcessClock,
+    memory::{Memory, Publisher},
+};
 
-use crate::certificates::read_certificate;
-use crate::config::{DroneComputerConfig, VesselComputerConfig};
-use crate::exit::CliError;
-use crate::process::life::draw_boot;
+use crate::{
+    certificates::read_certificate,
+    config::{DroneComputerConfig, VesselComputerConfig},
+    exit::CliError,
+    process::life::draw_boot,
+};
 
 const PERIOD_NS: i64 = 500_000_000;
 const CERTIFICATE_PERIOD_NS: i64 = 60_000_000_000;

@@ -1,15 +1,17 @@
 //! Summary of a flight for the recorder, on the flight's own computer: states, outcome and metrics.
 
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::{collections::BTreeMap, path::PathBuf};
 
 use alight_shared::msg::{DroneStatus, Reason, State};
 
-use crate::config::recorder::RecorderConfig;
-use crate::process::args::ProcessArgs;
-use crate::process::snapshot::Snapshot;
-use crate::record::flight::recording::{FlightRecording, SUMMARY_PERIOD_NS};
-use crate::record::flight::summary::FlightSummary;
+use crate::{
+    config::recorder::RecorderConfig,
+    process::{args::ProcessArgs, snapshot::Snapshot},
+    record::flight::{
+        recording::{FlightRecording, SUMMARY_PERIOD_NS},
+        summary::FlightSummary,
+    },
+};
 
 /// Metric: time constant of the attitude response in the slower axis, s.
 pub const ATTITUDE_LAG: &str = "attitude_lag_s";

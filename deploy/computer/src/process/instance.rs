@@ -1,12 +1,16 @@
 //! Instance: a set of processes on this computer, its files and its lock.
 
-use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::{
+    fs::{File, TryLockError},
+    path::{Path, PathBuf},
+};
 
 use alight_transport::memory::Instance;
 
-use crate::exit::{CliError, Doing};
-use crate::process::supervisor::pause;
+use crate::{
+    exit::{CliError, Doing},
+    process::supervisor::pause,
+};
 
 const LOCK_FILE: &str = "lock";
 /// Directory of a supervisor's checkpoints, which outlive a killed supervisor.

@@ -1,7 +1,9 @@
 //! Missed deadlines: steps later than the readers of their output can tolerate.
 
-use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::{
+    metrics::{Metric, MetricName},
+    process::{ProcessKind, ProcessState},
+};
 
 use super::snapshot::time;
 

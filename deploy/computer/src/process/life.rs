@@ -1,23 +1,27 @@
-use std::fs::File;
-use std::io::{ErrorKind, Read};
-use std::os::unix::fs::FileExt;
-use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::{
+    fs::File,
+    io::{ErrorKind, Read},
+    os::unix::fs::FileExt,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
 
-use alight_shared::metrics::{MetricName, Metrics};
-use alight_shared::msg::Seq;
-use alight_shared::process::{InputState, ProcessKind, ProcessState};
-use alight_transport::clock::steady_ns;
-use alight_transport::statistics::Quantiles;
-use alight_transport::wake::end_requested;
-use alight_transport::warnings;
+use alight_shared::{
+    metrics::{MetricName, Metrics},
+    msg::Seq,
+    process::{InputState, ProcessKind, ProcessState},
+};
+use alight_transport::{clock::steady_ns, statistics::Quantiles, wake::end_requested, warnings};
 use rustix::time::{ClockId, clock_gettime};
 
-use crate::exit::{CliError, Doing};
-use crate::process::lateness::Lateness;
-use crate::process::scheduling::begin_session;
-use crate::record::flight::recorder::{NodeRecorder, PartHeader};
+use crate::{
+    exit::{CliError, Doing},
+    process::{lateness::Lateness, scheduling::begin_session},
+    record::flight::recorder::{NodeRecorder, PartHeader},
+};
 
 const STATM: &str = "/proc/self/statm";
 const STATE_PERIOD_NS: i64 = 500_000_000;

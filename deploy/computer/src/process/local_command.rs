@@ -1,12 +1,13 @@
 //! Operator's command to the mission on this computer, repeated until the mission accepts it.
 
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{Command, CommandKind, Header, MissionState};
-use alight_shared::time::{SteadyClock, Time};
-use alight_shared::topics;
+use alight_shared::{
+    admission::Retransmission,
+    msg::{Command, CommandKind, Header, MissionState},
+    time::{SteadyClock, Time},
+    topics,
+};
 
-use crate::config::DroneComputerConfig;
-use crate::process::life::draw_boot;
+use crate::{config::DroneComputerConfig, process::life::draw_boot};
 
 pub fn give(
     computer: &DroneComputerConfig,

@@ -1,5 +1,4 @@
-use alight_shared::metrics::MetricValue;
-use alight_shared::process::ProcessState;
+use alight_shared::{metrics::MetricValue, process::ProcessState};
 
 use crate::process::snapshot::time;
 
@@ -31,9 +30,11 @@ pub fn text(p: &ProcessState) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::admission::AccessRejection;
-    use alight_shared::metrics::MetricName as M;
-    use alight_shared::msg::{Seq, State};
+    use alight_shared::{
+        admission::AccessRejection,
+        metrics::MetricName as M,
+        msg::{Seq, State},
+    };
 
     #[test]
     fn metric_names_and_units() {

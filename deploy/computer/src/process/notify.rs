@@ -4,8 +4,10 @@
 //! The crate sd-notify is not used: its send blocks once a stopped manager has ten queued datagrams, and would block
 //! the flight.
 
-use std::os::linux::net::SocketAddrExt;
-use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::os::{
+    linux::net::SocketAddrExt,
+    unix::net::{SocketAddr, UnixDatagram},
+};
 
 /// Period of watchdog messages, ns; every common watchdog timeout is several times longer.
 const ALIVE_PERIOD_NS: i64 = 500_000_000;

@@ -1,16 +1,24 @@
-use alight_shared::bus::readers;
-use alight_shared::msg::{
-    AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
-    SetPoint, SourceReport, VesselStatus, WaveModel,
+use alight_shared::{
+    bus::readers,
+    msg::{
+        AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
+        SetPoint, SourceReport, VesselStatus, WaveModel,
+    },
+    process::ProcessState,
+    time::DroneClock,
 };
-use alight_shared::process::ProcessState;
-use alight_shared::time::DroneClock;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory},
+};
 
-use crate::exit::CliError;
-use crate::process::instance::{is_running, owner};
-use crate::process::snapshot::Snapshot;
+use crate::{
+    exit::CliError,
+    process::{
+        instance::{is_running, owner},
+        snapshot::Snapshot,
+    },
+};
 
 readers! {
     struct Reports {

@@ -2,12 +2,16 @@
 
 use std::time::Duration;
 
-use alight_shared::msg::Seq;
-use alight_shared::process::{MAX_FLOWS, RadioFlow};
-use alight_shared::radio::{RadioEnd, RadioRow, RadioTopic, Urgency};
-use alight_shared::wire;
-use alight_transport::radio::{Publication, Radio, RadioConfig, Subscription};
-use alight_transport::{Received, TransportError};
+use alight_shared::{
+    msg::Seq,
+    process::{MAX_FLOWS, RadioFlow},
+    radio::{RadioEnd, RadioRow, RadioTopic, Urgency},
+    wire,
+};
+use alight_transport::{
+    Received, TransportError,
+    radio::{Publication, Radio, RadioConfig, Subscription},
+};
 use serde::Serialize;
 
 use crate::process::radio_rates::RadioRates;

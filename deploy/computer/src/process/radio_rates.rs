@@ -2,9 +2,11 @@
 
 use std::collections::VecDeque;
 
-use alight_shared::msg::Seq;
-use alight_shared::process::{MAX_FLOWS, RadioFlow};
-use alight_shared::topics::{self, Topic};
+use alight_shared::{
+    msg::Seq,
+    process::{MAX_FLOWS, RadioFlow},
+    topics::{self, Topic},
+};
 use alight_transport::radio::{Flow, Radio};
 
 /// Number of counter samples: five seconds at 2 Hz.

@@ -2,26 +2,33 @@
 //! observers record and show the step; it reports at 2 Hz. Processes differ in the topics of their rows ([`Wired`])
 //! and in their edges ([`ProcessEdge`]).
 
-use std::future::Future;
-use std::time::Duration;
+use std::{future::Future, time::Duration};
 
-use alight_shared::bus::{Bus as _, Edge, MAX_WAIT, Ports as _, Row, RowStep, Wired, Writer as _};
-use alight_shared::config;
-use alight_shared::metrics::{Metric, MetricName};
-use alight_shared::msg::Seq;
-use alight_shared::process::{InputState, ProcessKind, ProcessState};
-use alight_shared::time::Time;
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::{Instance, Memory, Publisher};
-use alight_transport::wake;
+use alight_shared::{
+    bus::{Bus as _, Edge, MAX_WAIT, Ports as _, Row, RowStep, Wired, Writer as _},
+    config,
+    metrics::{Metric, MetricName},
+    msg::Seq,
+    process::{InputState, ProcessKind, ProcessState},
+    time::Time,
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::{Instance, Memory, Publisher},
+    wake,
+};
 use alight_uav::computer::{DroneNodes, Installed};
 
-use crate::config::DroneComputerConfig;
-use crate::exit::{CliError, Exit};
-use crate::io::wakes::Wakes;
-use crate::process::args::ProcessArgs;
-use crate::process::life::{Life, draw_boot, node_recorder};
-use crate::record::flight::recorder::NodeRecorder;
+use crate::{
+    config::DroneComputerConfig,
+    exit::{CliError, Exit},
+    io::wakes::Wakes,
+    process::{
+        args::ProcessArgs,
+        life::{Life, draw_boot, node_recorder},
+    },
+    record::flight::recorder::NodeRecorder,
+};
 
 pub struct NodeView<'a, N: Wired> {
     pub node: &'a N,

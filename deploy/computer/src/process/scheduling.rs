@@ -1,13 +1,16 @@
 //! Scheduling of processes: niceness, real-time priority, processors.
 
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::{env, fs};
+use std::{
+    env, fs,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
-use iceoryx2_bb_posix::process::Process;
-use iceoryx2_bb_posix::scheduler::Scheduler;
-use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::process::{getpriority_process, setpriority_process, setsid};
-use rustix::thread::{CpuSet, sched_setaffinity};
+use iceoryx2_bb_posix::{process::Process, scheduler::Scheduler};
+use rustix::{
+    mm::{MlockAllFlags, mlockall},
+    process::{getpriority_process, setpriority_process, setsid},
+    thread::{CpuSet, sched_setaffinity},
+};
 
 /// Niceness in flight, above the computer's other work. Measured on two cores with twenty other busy processes:
 /// without it, ticks of the simulated world are up to 6 s late.

@@ -4,20 +4,26 @@
 //! end. A successor that finds a fresh copy continues with it, because its predecessor was killed. An edit of the
 //! file is reported and takes effect at the next start.
 
-use std::fs::{self, File, OpenOptions};
-use std::io::{self, Read, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime};
+use std::{
+    fs::{self, File, OpenOptions},
+    io::{self, Read, Write},
+    os::unix::fs::{MetadataExt, OpenOptionsExt},
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime},
+};
 
-use alight_shared::config::{self, Check};
-use alight_shared::wire;
+use alight_shared::{
+    config::{self, Check},
+    wire,
+};
 use alight_transport::radio::zenoh_text;
 use serde::de::DeserializeOwned;
 use tracing::warn;
 
-use crate::config::method;
-use crate::exit::{CliError, Doing};
+use crate::{
+    config::method,
+    exit::{CliError, Doing},
+};
 
 /// Maximum age of a copy that a successor continues to use: a hundred times the service manager's delay before it
 /// starts one.
@@ -188,8 +194,7 @@ fn write(copy: &Path, text: &str) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::DroneComputerConfig;
-    use crate::scratch::scratch;
+    use crate::{config::DroneComputerConfig, scratch::scratch};
 
     fn number(path: &Path) -> u32 {
         let computer: DroneComputerConfig = config::load(path).unwrap();

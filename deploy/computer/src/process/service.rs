@@ -5,32 +5,35 @@
 //! a process that ended (at once after a long run), and kills and restarts a silent one; systemd watches the
 //! supervisor.
 
-use std::path::PathBuf;
-use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::{path::PathBuf, sync::atomic::Ordering, time::Duration};
 
 use alight_shared::process::ProcessKind;
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::{Memory, Services};
-use alight_transport::wake::end_requested;
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::{Memory, Services},
+    wake::end_requested,
+};
 use tracing::{info, warn};
 
-use crate::config::recorder::RecorderConfig;
-use crate::config::view::ViewConfig;
-use crate::exit::{CliError, Exit};
-use crate::io::store::state_directory;
-use crate::process::args::{ProcessArgs, Scheduling};
-use crate::process::checkpoints::PersistentCheckpoints;
-use crate::process::facts::{Facts, Reporter};
-use crate::process::flight::CurrentFlight;
-use crate::process::instance::{CHECKPOINTS_FILE, OwnedInstance};
-use crate::process::life::end_with_supervisor;
-use crate::process::notify::Notify;
-use crate::process::observer::Observer;
-use crate::process::scheduling;
-use crate::process::sealed::SealedConfig;
-use crate::process::supervision::SupervisorLimits;
-use crate::process::supervisor::{self, Supervisor, SupervisorEvent};
+use crate::{
+    config::{recorder::RecorderConfig, view::ViewConfig},
+    exit::{CliError, Exit},
+    io::store::state_directory,
+    process::{
+        args::{ProcessArgs, Scheduling},
+        checkpoints::PersistentCheckpoints,
+        facts::{Facts, Reporter},
+        flight::CurrentFlight,
+        instance::{CHECKPOINTS_FILE, OwnedInstance},
+        life::end_with_supervisor,
+        notify::Notify,
+        observer::Observer,
+        scheduling,
+        sealed::SealedConfig,
+        supervision::SupervisorLimits,
+        supervisor::{self, Supervisor, SupervisorEvent},
+    },
+};
 
 const POLL_PERIOD: Duration = Duration::from_millis(20);
 

@@ -3,14 +3,16 @@
 use core::ops::Deref;
 use std::collections::BTreeMap;
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
-    MissionState, Plan, SourceReport, TwoDigits, VesselStatus, WaveModel,
+use alight_shared::{
+    geodesy::Datum,
+    msg::{
+        AttitudeResponse, AutopilotState, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
+        MissionState, Plan, SourceReport, TwoDigits, VesselStatus, WaveModel,
+    },
+    plain::Plain,
+    process::{ProcessKind, ProcessState},
+    time::DroneClock,
 };
-use alight_shared::plain::Plain;
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::DroneClock;
 use nalgebra::Vector3;
 
 /// Time with three digits, from microseconds to seconds.

@@ -1,16 +1,19 @@
 //! Starts a process of Alight that ends with its starter: the process ends when its standard input, a pipe, closes,
 //! which it does even if the starter is killed.
 
-use std::ffi::OsStr;
-use std::fs::File;
-use std::io::{self, BufRead, BufReader, ErrorKind};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{SyncSender, TrySendError};
+use std::{
+    ffi::OsStr,
+    fs::File,
+    io::{self, BufRead, BufReader, ErrorKind},
+    path::Path,
+    process::{Child, Command, Stdio},
+    sync::mpsc::{SyncSender, TrySendError},
+};
 
-use crate::io::store::STATE_VARIABLE;
-use crate::process::notify::SOCKET_VARIABLE;
-use crate::process::scheduling::session_variable;
+use crate::{
+    io::store::STATE_VARIABLE,
+    process::{notify::SOCKET_VARIABLE, scheduling::session_variable},
+};
 
 /// Maximum number of lines of standard output that wait for the starter.
 pub const MAX_LINES: usize = 4096;

@@ -1,9 +1,11 @@
 //! Decisions of the supervisor: start a process, restart it after a delay, kill a silent one, or give up. A pure
 //! function from observations of each process to actions.
 
-use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{Span, SteadyClock, Time};
+use alight_shared::{
+    node::Node,
+    process::ProcessKind,
+    time::{Span, SteadyClock, Time},
+};
 use serde::{Deserialize, Serialize};
 
 /// Delay before the restart of a process that ended early; doubles with each further failure.

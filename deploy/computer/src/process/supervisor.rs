@@ -1,24 +1,28 @@
 //! Executes the decisions of [`SupervisorNode`]: starts ([`start`]), kills and ends processes.
 
-use std::ffi::OsStr;
-use std::fmt;
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::process::Child;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::time::Duration;
+use std::{
+    ffi::OsStr,
+    fmt,
+    io::Write,
+    path::{Path, PathBuf},
+    process::Child,
+    sync::mpsc::{Receiver, SyncSender, sync_channel},
+    time::Duration,
+};
 
-use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
-use alight_shared::time::Time;
+use alight_shared::{node::Node, process::ProcessKind, time::Time};
 use alight_transport::clock::steady_ns;
 
-use crate::config::view::ViewConfig;
-use crate::exit::{CliError, Doing};
-use crate::process::life::draw_boot;
-use crate::process::start::{MAX_LINES, ProcessSurroundings, start};
-use crate::process::supervision::{Observed, SupervisorAction, SupervisorLimits, SupervisorNode};
-use crate::record::flight::recorder::{NodeRecorder, PartHeader};
+use crate::{
+    config::view::ViewConfig,
+    exit::{CliError, Doing},
+    process::{
+        life::draw_boot,
+        start::{MAX_LINES, ProcessSurroundings, start},
+        supervision::{Observed, SupervisorAction, SupervisorLimits, SupervisorNode},
+    },
+    record::flight::recorder::{NodeRecorder, PartHeader},
+};
 
 /// Process name under which the supervisor's steps are recorded.
 pub const SUPERVISOR: &str = "supervisor";

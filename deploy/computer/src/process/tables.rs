@@ -1,11 +1,15 @@
 //! Tables of the processes' reports: resource use, ages of inputs, radio.
 
-use alight_shared::process::{InputState, ProcessKind};
-use alight_shared::topics::{self, Topic};
+use alight_shared::{
+    process::{InputState, ProcessKind},
+    topics::{self, Topic},
+};
 
-use crate::cells;
-use crate::process::snapshot::{Snapshot, time};
-use crate::table::{Cell, Table};
+use crate::{
+    cells,
+    process::snapshot::{Snapshot, time},
+    table::{Cell, Table},
+};
 
 impl Snapshot {
     pub fn usage(&self, now_ns: i64) -> String {

@@ -2,8 +2,9 @@
 //! that do not support the shapes of a `foxglove.SceneUpdate`.
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use foxglove::messages::packed_element_field::NumericType;
-use foxglove::messages::{PackedElementField, PointCloud, Pose, Timestamp};
+use foxglove::messages::{
+    PackedElementField, PointCloud, Pose, Timestamp, packed_element_field::NumericType,
+};
 
 use crate::record::geometry::{frame, pose};
 

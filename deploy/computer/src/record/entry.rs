@@ -9,10 +9,12 @@
 use core::any::Any;
 use std::collections::BTreeMap;
 
-use alight_shared::msg::{DeckForecast, DroneState, Header, Plan};
-use alight_shared::step::Recorded;
-use alight_shared::time::{Clock, DroneClock};
-use alight_shared::wire::{self, WireError};
+use alight_shared::{
+    msg::{DeckForecast, DroneState, Header, Plan},
+    step::Recorded,
+    time::{Clock, DroneClock},
+    wire::{self, WireError},
+};
 use serde::{Deserialize, Serialize};
 
 pub const ENCODING: &str = "alight-step";

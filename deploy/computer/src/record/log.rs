@@ -1,20 +1,27 @@
 //! Log of a flight: its directory, one of its files, or a recording, which is the flight in one file.
 
-use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::VecDeque,
+    path::{Path, PathBuf},
+};
 
-use alight_shared::config::{self, Check};
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{Span, Time, TrueTime, WorldTime};
-use alight_shared::wire::WireError;
+use alight_shared::{
+    config::{self, Check},
+    process::ProcessKind,
+    time::{Span, Time, TrueTime, WorldTime},
+    wire::WireError,
+};
 use alight_transport::clock::ProcessClock;
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, de::DeserializeOwned};
 
-use crate::exit::CliError;
-use crate::record::entry::PartHeader;
-use crate::record::reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header};
-use crate::record::{About, LIVE};
+use crate::{
+    exit::CliError,
+    record::{
+        About, LIVE,
+        entry::PartHeader,
+        reading::{LogBeginning, LogFile, LogStep, parse_name, parts, read_header},
+    },
+};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ProcessStart {

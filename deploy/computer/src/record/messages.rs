@@ -1,16 +1,20 @@
 //! Messages of a flight for viewers, from a recorded step or from shared memory.
 
 use alight_bridge::BridgeOut;
-use alight_shared::msg::{
-    AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan, RangeSample,
-    SensorReadings, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+use alight_shared::{
+    msg::{
+        AutopilotState, Command, DeckForecast, DeckGrant, DroneState, LinkState, MissionState, Plan,
+        RangeSample, SensorReadings, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+    },
+    step::Step,
+    time::{DroneClock, DroneTime, Time, VesselClock},
 };
-use alight_shared::step::Step;
-use alight_shared::time::{DroneClock, DroneTime, Time, VesselClock};
-use alight_uav::mission::{MissionIn, MissionOut};
-use alight_uav::pilot::{PilotIn, PilotOut, Touchdown};
-use alight_uav::planner::PlannerOut;
-use alight_uav::predictor::{PredictorIn, PredictorOut};
+use alight_uav::{
+    mission::{MissionIn, MissionOut},
+    pilot::{PilotIn, PilotOut, Touchdown},
+    planner::PlannerOut,
+    predictor::{PredictorIn, PredictorOut},
+};
 use alight_usv::{ComputerIn, ComputerOut};
 
 /// Message, with the time at which it was sent if that matters.

@@ -1,8 +1,6 @@
 //! Observer of a running or replayed flight, which receives every step and changes none.
 
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_shared::wire::WireError;
+use alight_shared::{step::Step, time::WorldTime, wire::WireError};
 
 use crate::record::entry::PartHeader;
 

@@ -2,23 +2,32 @@
 //!
 //! A flight recorder's file without an end, after a kill or a power cut, is read up to its last complete chunk.
 
-use std::collections::BTreeMap;
-use std::fmt::Display;
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    fmt::Display,
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
 
 use alight_shared::wire::{self, WireError};
-use mcap::parse_record;
-use mcap::read::{LinearReader, Options};
-use mcap::records::Record;
-use mcap::sans_io::linear_reader::{self, LinearReadEvent, LinearReaderOptions};
+use mcap::{
+    parse_record,
+    read::{LinearReader, Options},
+    records::Record,
+    sans_io::linear_reader::{self, LinearReadEvent, LinearReaderOptions},
+};
 use serde::de::DeserializeOwned;
 
-use crate::exit::{CliError, Doing};
-use crate::record::entry::{ENCODING, Entry, FORMAT, PartHeader};
-use crate::record::outline::{MAX_CHUNK_BYTES, Outline};
-use crate::record::{About, EXTENSION, PROCESS, RECORDING, topic};
+use crate::{
+    exit::{CliError, Doing},
+    record::{
+        About, EXTENSION, PROCESS, RECORDING,
+        entry::{ENCODING, Entry, FORMAT, PartHeader},
+        outline::{MAX_CHUNK_BYTES, Outline},
+        topic,
+    },
+};
 
 const OF_FLIGHTS: &str = "alight flights lists the recorded ones";
 /// Maximum size of a file, and of all its steps together, bytes.

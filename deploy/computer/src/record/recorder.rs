@@ -1,21 +1,21 @@
 //! Export of a flight to one file: every node's steps on a separate channel, and views for users.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_shared::wire::WireError;
+use alight_shared::{process::ProcessKind, step::Step, time::WorldTime, wire::WireError};
 use mcap::McapError;
 
-use crate::exit::CliError;
-use crate::record::entry::{self, Computed, NewestHeader, PartHeader, References};
-use crate::record::messages::each_message;
-use crate::record::observer::StepObserver;
-use crate::record::sink::{ChannelId, Sink, TakeMessages, unwritable};
-use crate::record::views::{Views, stamp};
-use crate::record::{About, RECORDING};
+use crate::{
+    exit::CliError,
+    record::{
+        About, RECORDING,
+        entry::{self, Computed, NewestHeader, PartHeader, References},
+        messages::each_message,
+        observer::StepObserver,
+        sink::{ChannelId, Sink, TakeMessages, unwritable},
+        views::{Views, stamp},
+    },
+};
 
 pub struct Recorder {
     pub sink: Sink,

@@ -1,17 +1,22 @@
 //! Vessel, deck and drone in Foxglove's scene: as the drone estimates them, or with their true poses in a recording
 //! of the simulation.
 
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::{DeckForecast, DroneState};
-use alight_shared::time::WorldTime;
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::{DeckForecast, DroneState},
+    time::WorldTime,
+};
 use foxglove::messages::{FrameTransforms, PointCloud, SceneUpdate};
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::record::geometry::{frame, on_the_water};
-use crate::record::sink::{OpenChannels, TakeMessages};
-use crate::record::views::{ViewTopic, Views, due, timestamp, transform};
-use crate::record::{cloud, shapes};
+use crate::record::{
+    cloud,
+    geometry::{frame, on_the_water},
+    shapes,
+    sink::{OpenChannels, TakeMessages},
+    views::{ViewTopic, Views, due, timestamp, transform},
+};
 
 /// Position and attitude in [`frame::NED`].
 pub type Placed = ([f64; 3], UnitQuaternion<f64>);

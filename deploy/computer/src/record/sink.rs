@@ -1,13 +1,20 @@
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Write};
-use std::path::Path;
+use std::{
+    collections::BTreeMap,
+    fs::File,
+    io::{BufWriter, ErrorKind, Write},
+    path::Path,
+};
 
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, Compression, McapError, WriteOptions, Writer};
+use mcap::{
+    Attachment, Compression, McapError, WriteOptions, Writer,
+    records::{MessageHeader, Metadata},
+};
 
-use crate::record::entry::{ENCODING, PartHeader};
-use crate::record::{PROCESS, topic};
+use crate::record::{
+    PROCESS,
+    entry::{ENCODING, PartHeader},
+    topic,
+};
 
 const CHUNK_BYTES: u64 = 1 << 20;
 const BUFFER_BYTES: usize = 1 << 20;

@@ -1,23 +1,31 @@
 use core::marker::PhantomData;
 
-use alight_shared::msg::{
-    AutopilotState, DeckForecast, DeckStage, DroneState, LinkState, MissionState, Motors, Plan, ReasonCode,
-    SLOPE_STEP, SensorReadings, SetPoint, SetPointKind, State, VesselEstimate, WaveMode, WaveModel,
+use alight_shared::{
+    msg::{
+        AutopilotState, DeckForecast, DeckStage, DroneState, LinkState, MissionState, Motors, Plan,
+        ReasonCode, SLOPE_STEP, SensorReadings, SetPoint, SetPointKind, State, VesselEstimate, WaveMode,
+        WaveModel,
+    },
+    time::{Clock, DroneTime, Span, Time, WorldTime},
+    vessel_model::{HEAVE, Mode, PITCH, ROLL},
 };
-use alight_shared::time::{Clock, DroneTime, Span, Time, WorldTime};
-use alight_shared::vessel_model::{HEAVE, Mode, PITCH, ROLL};
-use foxglove::Encode;
-use foxglove::messages::{
-    FrameTransform, FrameTransforms, Log, Odometry, PointCloud, Pose, PoseInFrame, PosesInFrame, Timestamp,
-    log,
+use foxglove::{
+    Encode,
+    messages::{
+        FrameTransform, FrameTransforms, Log, Odometry, PointCloud, Pose, PoseInFrame, PosesInFrame,
+        Timestamp, log,
+    },
 };
 use mcap::McapError;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use crate::record::geometry::{frame, pose, quaternion, vector};
-use crate::record::messages::Message;
-use crate::record::sink::{ChannelId, OpenChannels, TakeMessages};
-use crate::record::{cloud, schema};
+use crate::record::{
+    cloud,
+    geometry::{frame, pose, quaternion, vector},
+    messages::Message,
+    schema,
+    sink::{ChannelId, OpenChannels, TakeMessages},
+};
 
 /// Display periods, ms: paths and states; attitudes and positions near a drone; attitudes and positions without a
 /// drone.

@@ -3,16 +3,19 @@
 
 use std::time::Duration;
 
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{CrewOrder, DeckOrder, Header, VesselStatus};
-use alight_shared::time::{SteadyClock, Time};
-use alight_shared::topics;
-use alight_transport::TransportError;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Memory, Publisher, Subscriber};
+use alight_shared::{
+    admission::Retransmission,
+    msg::{CrewOrder, DeckOrder, Header, VesselStatus},
+    time::{SteadyClock, Time},
+    topics,
+};
+use alight_transport::{
+    TransportError,
+    clock::steady_ns,
+    memory::{Memory, Publisher, Subscriber},
+};
 
-use crate::config::VesselComputerConfig;
-use crate::process::life::draw_boot;
+use crate::{config::VesselComputerConfig, process::life::draw_boot};
 
 const POLL_PERIOD: Duration = Duration::from_millis(50);
 

@@ -7,18 +7,23 @@
 //! became writable again would trust it. The installation or a launcher writes the first file, because nothing stands
 //! on the deck yet.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
-use alight_shared::checkpoint::{of_file, to_file};
-use alight_shared::msg::Closure;
-use alight_usv::VesselCheckpoint;
-use alight_usv::deck::DeckCheckpoint;
+use alight_shared::{
+    checkpoint::{of_file, to_file},
+    msg::Closure,
+};
+use alight_usv::{VesselCheckpoint, deck::DeckCheckpoint};
 use tracing::warn;
 
-use crate::config::VesselComputerConfig;
-use crate::exit::CliError;
-use crate::io::store::{Holds, Store, discard, read, replace, state_directory};
+use crate::{
+    config::VesselComputerConfig,
+    exit::CliError,
+    io::store::{Holds, Store, discard, read, replace, state_directory},
+};
 
 const FIRST: &[u8] = b"\"open\"";
 

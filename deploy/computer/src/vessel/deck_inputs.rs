@@ -3,14 +3,15 @@
 //! Each is read at 2 Hz on a separate thread, because a driver may take long. An input that cannot be read has no
 //! level, and the deck arbiter treats it as active.
 
-use std::sync::mpsc::{Receiver, sync_channel};
-use std::time::Duration;
+use std::{
+    sync::mpsc::{Receiver, sync_channel},
+    time::Duration,
+};
 
 use alight_usv::deck::{DeckConfig, DeckInputs};
 use tracing::{info, warn};
 
-use crate::io::digital_line::DigitalLine;
-use crate::process::supervisor::pause;
+use crate::{io::digital_line::DigitalLine, process::supervisor::pause};
 
 const PERIOD: Duration = Duration::from_millis(500);
 /// Duration of a read after which it is reported, ns: four periods, as for the arbiter.

@@ -2,36 +2,45 @@
 
 use std::time::Duration;
 
-use alight_shared::admission::{AccessRejection, RejectionReason};
-use alight_shared::bus::{Bus, Edge, RowStep, Writer as _};
-use alight_shared::config;
-use alight_shared::metrics::{Metric, MetricName, MetricValue};
-use alight_shared::msg::{Header, MAX_SOURCES, VesselStatus};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, VesselClock, VesselTime};
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::Publisher;
-use alight_transport::radio::RadioCounts;
-use alight_transport::rejections::{self, AccessRejections};
-use alight_transport::statistics::Quantiles;
-use alight_usv::computer::{Installed as _, VesselPorts};
+use alight_shared::{
+    admission::{AccessRejection, RejectionReason},
+    bus::{Bus, Edge, RowStep, Writer as _},
+    config,
+    metrics::{Metric, MetricName, MetricValue},
+    msg::{Header, MAX_SOURCES, VesselStatus},
+    process::{ProcessKind, ProcessState},
+    time::{Time, VesselClock, VesselTime},
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::Publisher,
+    radio::RadioCounts,
+    rejections::{self, AccessRejections},
+    statistics::Quantiles,
+};
 use alight_usv::{
     ComputerIn, ComputerOut, KINDS, SourceCounts, VesselCheckpoint, VesselComputer, VesselNode,
+    computer::{Installed as _, VesselPorts},
 };
 use tokio::time::sleep;
 use tracing::{info, warn};
 
-use crate::config::VesselComputerConfig;
-use crate::exit::{CliError, Exit};
-use crate::io::runtime;
-use crate::io::wakes::Wakes;
-use crate::process::args::ProcessArgs;
-use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
-use crate::vessel::deck_file::DeckFile;
-use crate::vessel::deck_inputs::InputFiles;
-use crate::vessel::helm_lamp::HelmLamp;
-use crate::vessel::radio::VesselRadio;
-use crate::vessel::status::{CrewDeviceErrors, VesselStatusReport};
+use crate::{
+    config::VesselComputerConfig,
+    exit::{CliError, Exit},
+    io::{runtime, wakes::Wakes},
+    process::{
+        args::ProcessArgs,
+        run::{AwaitedEdge, NodeView, Process, ProcessEdge},
+    },
+    vessel::{
+        deck_file::DeckFile,
+        deck_inputs::InputFiles,
+        helm_lamp::HelmLamp,
+        radio::VesselRadio,
+        status::{CrewDeviceErrors, VesselStatusReport},
+    },
+};
 
 /// Maximum time between wake-ups without sensor readings.
 const MAX_WAIT: Duration = Duration::from_millis(10);

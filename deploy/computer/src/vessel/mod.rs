@@ -9,13 +9,16 @@ pub mod radio;
 pub mod sensors;
 pub mod status;
 
-use crate::config::VesselComputerConfig;
-use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Exit};
-use crate::process::args::{Scheduling, ServiceArgs};
-use crate::process::facts::Facts;
-use crate::process::sealed::SealedConfig;
-use crate::process::service::{self, ComputerService};
+use crate::{
+    config::{VesselComputerConfig, link_url::LinkUrl},
+    exit::{CliError, Exit},
+    process::{
+        args::{Scheduling, ServiceArgs},
+        facts::Facts,
+        sealed::SealedConfig,
+        service::{self, ComputerService},
+    },
+};
 
 /// Silence after which a process is killed and restarted, s: six reporting periods.
 const SILENCE_TIMEOUT_S: f64 = 3.0;

@@ -1,17 +1,22 @@
-use alight_shared::admission::{Arrival, Sender};
-use alight_shared::process::ProcessState;
-use alight_shared::radio::{RadioEnd, RadioTopic};
-use alight_shared::time::{VesselClock, VesselTime};
-use alight_shared::{topics, wire};
-use alight_transport::Received;
-use alight_transport::radio::RadioCounts;
+use alight_shared::{
+    admission::{Arrival, Sender},
+    process::ProcessState,
+    radio::{RadioEnd, RadioTopic},
+    time::{VesselClock, VesselTime},
+    topics, wire,
+};
+use alight_transport::{Received, radio::RadioCounts};
 use alight_usv::{ComputerIn, ComputerOut};
 use serde::de::DeserializeOwned;
 
-use crate::config::VesselComputerConfig;
-use crate::exit::CliError;
-use crate::process::radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key};
-use crate::process::radio_port::RadioPort;
+use crate::{
+    config::VesselComputerConfig,
+    exit::CliError,
+    process::{
+        radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key},
+        radio_port::RadioPort,
+    },
+};
 
 /// Number of the process's reports, made at 2 Hz, per report sent by radio; doubled while the link is congested.
 const STATUS_DECIMATION: u32 = 2;

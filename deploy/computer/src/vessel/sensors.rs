@@ -1,34 +1,39 @@
 //! Process of the vessel's real sensors: converts bytes of serial ports, UDP and TCP into dated measurements for the
 //! vessel's process, and reports on each source at 2 Hz.
 
-use std::net::SocketAddr;
-use std::sync::Arc;
-use std::time::Duration;
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
-use alight_shared::bus::{Bus, Edge, Ports as _, Writer as _};
-use alight_shared::config;
-use alight_shared::msg::{Header, Line, Seq, SourceRemark, SourceReport};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, VesselClock};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::Publisher;
-use alight_usv::computer::Installed as _;
-use alight_usv::sensors::{
-    MAX_STEP_BYTES, Remark, SensorNode, SensorPorts, SensorsIn, SensorsOut, SourceConfig,
+use alight_shared::{
+    bus::{Bus, Edge, Ports as _, Writer as _},
+    config,
+    msg::{Header, Line, Seq, SourceRemark, SourceReport},
+    process::{ProcessKind, ProcessState},
+    time::{Time, VesselClock},
+};
+use alight_transport::{clock::steady_ns, memory::Publisher};
+use alight_usv::{
+    computer::Installed as _,
+    sensors::{MAX_STEP_BYTES, Remark, SensorNode, SensorPorts, SensorsIn, SensorsOut, SourceConfig},
 };
 use tokio::time::{Interval, MissedTickBehavior, interval};
 use tracing::{info, warn};
 
-use crate::config::VesselComputerConfig;
-use crate::config::link_url::LinkUrl;
-use crate::exit::{CliError, Exit};
-use crate::io::byte_link::{ByteLink, MAX_AT_ONCE};
-use crate::io::byte_links::{ByteArrival, ByteLinks};
-use crate::io::peer::Speaks;
-use crate::io::wakes::Wakes;
-use crate::io::{mavlink_key, runtime};
-use crate::process::args::ProcessArgs;
-use crate::process::run::{AwaitedEdge, NodeView, Process, ProcessEdge};
+use crate::{
+    config::{VesselComputerConfig, link_url::LinkUrl},
+    exit::{CliError, Exit},
+    io::{
+        byte_link::{ByteLink, MAX_AT_ONCE},
+        byte_links::{ByteArrival, ByteLinks},
+        mavlink_key,
+        peer::Speaks,
+        runtime,
+        wakes::Wakes,
+    },
+    process::{
+        args::ProcessArgs,
+        run::{AwaitedEdge, NodeView, Process, ProcessEdge},
+    },
+};
 
 const MAX_STEP_PERIOD: Duration = Duration::from_millis(20);
 /// Time without an error of a link after which its next occurrence is reported, ns.

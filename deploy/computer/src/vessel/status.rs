@@ -1,10 +1,12 @@
 use std::collections::VecDeque;
 
-use alight_shared::msg::{
-    CourseAdvice, DeckMotion, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES,
-    MAX_ORDERS, Seq, SourceUse, VesselStatus,
+use alight_shared::{
+    msg::{
+        CourseAdvice, DeckMotion, DeckStatus, DroneContact, EstimatorStatus, Header, Line, MAX_DEVICES,
+        MAX_ORDERS, Seq, SourceUse, VesselStatus,
+    },
+    time::{VesselClock, VesselTime},
 };
-use alight_shared::time::{VesselClock, VesselTime};
 use alight_usv::{ComputerIn, ComputerOut, KINDS, VesselNode};
 
 const MOTION_PERIOD_NS: i64 = 90_000_000;

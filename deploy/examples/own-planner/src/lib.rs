@@ -2,12 +2,16 @@
 //!
 //! `cargo test --release -p own-planner` flies it on three seeds.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage};
-use alight_shared::time::{DroneTime, Span};
-use alight_uav::planner::law::Law;
-use alight_uav::planner::model::{ModelState, tilt_of};
-use alight_uav::planner::reference::PlanReference;
+use alight_shared::{
+    geometry::GRAVITY,
+    msg::{DeckForecast, DroneState, MissionState, Phase, Plan, PlanStage},
+    time::{DroneTime, Span},
+};
+use alight_uav::planner::{
+    law::Law,
+    model::{ModelState, tilt_of},
+    reference::PlanReference,
+};
 use nalgebra::Vector3;
 
 /// Time constant with which the drone approaches its goal, s.

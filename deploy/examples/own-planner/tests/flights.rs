@@ -1,8 +1,12 @@
 //! Landings in the simulated world.
 
-use alight_sim::baselines::own::OwnLaw;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial;
+use alight_sim::{
+    baselines::own::OwnLaw,
+    harness::{
+        scenario::{NodeConfigs, Scenario},
+        trial,
+    },
+};
 use own_planner::Ride;
 
 #[test]

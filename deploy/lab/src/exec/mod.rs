@@ -9,15 +9,17 @@ pub mod protocol;
 mod tests;
 
 use alight_computer::terminal::note;
-use alight_shared::msg::{DeckForecast, DroneState, MissionState, Plan};
-use alight_shared::schema::{self, LineFormat};
-use alight_shared::time::{DroneTime, Span, Time};
-use alight_shared::topics;
+use alight_shared::{
+    msg::{DeckForecast, DroneState, MissionState, Plan},
+    schema::{self, LineFormat},
+    time::{DroneTime, Span, Time},
+    topics,
+};
 use alight_sim::baselines::own::{OwnLaw, OwnReport, Reported};
-use alight_uav::planner::law::Law;
-use alight_uav::planner::model::ModelState;
-use alight_uav::planner::reference::PlanReference;
-use alight_uav::settings::DroneSettings;
+use alight_uav::{
+    planner::{law::Law, model::ModelState, reference::PlanReference},
+    settings::DroneSettings,
+};
 
 use child::{AnswerLimits, AnsweringChild};
 use predictor::{PREDICTOR_VERSION, PredictorAnswer, PredictorInput};

@@ -1,19 +1,25 @@
 //! `--predictor exec:COMMAND`: a predictor that is another program. It predicts the deck's motion; ages, identity and
 //! mean of the deck are those of the drone's own predictor.
 
-use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, Seq, TagPose, VesselEstimate,
-    WaveModel,
+use alight_shared::{
+    msg::{
+        DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, Seq, TagPose, VesselEstimate,
+        WaveModel,
+    },
+    time::DroneClock,
 };
-use alight_shared::time::DroneClock;
 use alight_sim::baselines::own::{OwnPredictor, OwnReport};
 use alight_uav::predictor::PredictorIn;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::child::AnsweringChild;
-use super::protocol::{MAX_REASON, PredictedDeck, of_version, parsed};
-use super::{Part, ask, fail, start};
+use super::{
+    Part, ask,
+    child::AnsweringChild,
+    fail,
+    protocol::{MAX_REASON, PredictedDeck, of_version, parsed},
+    start,
+};
 
 /// Version of both lines; a program that answers with another version is rejected.
 pub const PREDICTOR_VERSION: u32 = 1;

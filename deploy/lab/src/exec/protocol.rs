@@ -1,15 +1,16 @@
 //! Lines exchanged with planners and predictors that are other programs: JSON, one object per line.
 
-use alight_shared::landing::{MAX_MPS, MAX_TILT_RAD};
-use alight_shared::msg::{
-    DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
-    Plan, PlanStage, Seq, State,
+use alight_shared::{
+    landing::{MAX_MPS, MAX_TILT_RAD},
+    msg::{
+        DeckForecast, DeckStage, DroneState, FORECAST_STAGES, Message as _, MissionState, PLAN_STAGES, Phase,
+        Plan, PlanStage, Seq, State,
+    },
+    time::{DroneTime, Span, Time},
 };
-use alight_shared::time::{DroneTime, Span, Time};
 use alight_uav::settings::DroneSettings;
 use schemars::JsonSchema;
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 /// Version of both lines; a program that answers with another version is rejected.
 pub const PLANNER_VERSION: u32 = 1;

@@ -1,22 +1,25 @@
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
-use std::fs;
-use std::path::Path;
+use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
-use alight_shared::msg::{DeckForecast, DeckStage, Plan};
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{Watch, fly_with, outcome};
+use alight_shared::{
+    msg::{DeckForecast, DeckStage, Plan},
+    process::ProcessKind,
+    step::Step,
+    time::WorldTime,
+};
+use alight_sim::harness::{
+    observer::WorldObserver,
+    outcome::Outcome,
+    scenario::{NodeConfigs, Scenario},
+    trial::{Watch, fly_with, outcome},
+};
 use alight_uav::planner::PlannerOut;
 
-use super::child::{AnswerLimits, AnsweringChild};
-use super::predictor::PredictorAnswer;
-use super::protocol::{Answer, AnsweredStage, PlannerAnswer};
-use super::*;
+use super::{
+    child::{AnswerLimits, AnsweringChild},
+    predictor::PredictorAnswer,
+    protocol::{Answer, AnsweredStage, PlannerAnswer},
+    *,
+};
 
 const IMPATIENT: AnswerLimits = AnswerLimits {
     first_s: 0.3,

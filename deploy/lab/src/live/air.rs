@@ -3,25 +3,33 @@
 
 use std::path::PathBuf;
 
-use alight_computer::certificates;
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::instance::OwnedInstance;
-use alight_computer::process::snapshot::time;
-use alight_computer::process::supervisor::{Supervisor, arguments};
-use alight_shared::msg::State;
-use alight_shared::process::ProcessKind;
-use alight_sim::harness::storm::{Fault, FaultKind, Moment};
-use alight_sim::radio::ChannelCounts;
-use alight_transport::radio::TlsConfig;
-use alight_transport::statistics::Quantiles;
+use alight_computer::{
+    certificates,
+    exit::{CliError, Doing},
+    process::{
+        instance::OwnedInstance,
+        snapshot::time,
+        supervisor::{Supervisor, arguments},
+    },
+};
+use alight_shared::{msg::State, process::ProcessKind};
+use alight_sim::{
+    harness::storm::{Fault, FaultKind, Moment},
+    radio::ChannelCounts,
+};
+use alight_transport::{radio::TlsConfig, statistics::Quantiles};
 use serde::{Deserialize, Serialize};
 
-use crate::live::args::{Emulate, LandArgs};
-use crate::live::config::{AutopilotKind, LinkImpairment, free_port, write};
-use crate::live::emulator::{Emulation, EmulatorReport, OUTAGE};
-use crate::live::namespaces::{ADDRESSES, OwnSpaces};
-use crate::live::profile;
-use crate::scene::Scene;
+use crate::{
+    live::{
+        args::{Emulate, LandArgs},
+        config::{AutopilotKind, LinkImpairment, free_port, write},
+        emulator::{Emulation, EmulatorReport, OUTAGE},
+        namespaces::{ADDRESSES, OwnSpaces},
+        profile,
+    },
+    scene::Scene,
+};
 
 const PORT: u16 = 7447;
 

@@ -1,17 +1,17 @@
-use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
-use alight_computer::process::args::{ProcessArgs, ViewArgs, mcap_file};
-use alight_computer::quantity::duration_s;
-use alight_computer::subject::SIMULATED;
-use alight_computer::terminal::Form;
-use clap::builder::StringValueParser;
-use clap::{Args, ValueEnum};
+use alight_computer::{
+    process::args::{ProcessArgs, ViewArgs, mcap_file},
+    quantity::duration_s,
+    subject::SIMULATED,
+    terminal::Form,
+};
+use clap::{Args, ValueEnum, builder::StringValueParser};
 
-use crate::args::{AutopilotArg, SceneArgs, offering};
-use crate::live::config::AutopilotKind;
-use crate::live::fault::FaultSpec;
-use crate::live::profile;
+use crate::{
+    args::{AutopilotArg, SceneArgs, offering},
+    live::{config::AutopilotKind, fault::FaultSpec, profile},
+};
 
 /// One live landing.
 #[derive(Args, Clone, Debug)]

@@ -3,23 +3,23 @@
 
 use std::path::PathBuf;
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::drone::bridge;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::args::ProcessArgs;
-use alight_computer::process::run;
-use alight_computer::vessel::estimator;
+use alight_computer::{
+    config::DroneComputerConfig,
+    drone::bridge,
+    exit::{CliError, Exit},
+    process::{args::ProcessArgs, run},
+    vessel::estimator,
+};
 use alight_shared::config;
-use alight_sim::baselines::own::OwnReport;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::radio::Direction;
-use alight_transport::memory::Instance;
-use alight_transport::observe::receive_through;
+use alight_sim::{baselines::own::OwnReport, harness::scenario::NodeConfigs, radio::Direction};
+use alight_transport::{memory::Instance, observe::receive_through};
 use alight_uav::computer::DroneNodes;
 use clap::{Args, ValueEnum};
 
-use super::config::Attachments;
-use super::impairment::{Impaired, Inbound};
+use super::{
+    config::Attachments,
+    impairment::{Impaired, Inbound},
+};
 use crate::exec;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

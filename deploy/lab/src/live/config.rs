@@ -1,20 +1,27 @@
 //! Files that the processes of a live landing read in addition to the computers' configurations.
 
-use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
+use std::{
+    net::UdpSocket,
+    path::{Path, PathBuf},
+};
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::process::instance::OwnedInstance;
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys, commented};
-use alight_shared::geodesy::Datum;
-use alight_sim::autopilots::FirmwareConfig;
-use alight_sim::baselines::Baseline;
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::harness::storm::Fault;
-use alight_sim::radio::SimulatedRadioConfig;
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::{CliError, Doing, Exit},
+    process::instance::OwnedInstance,
+    terminal,
+};
+use alight_shared::{
+    config,
+    config::{Check, ConfigError, Keys, commented},
+    geodesy::Datum,
+};
+use alight_sim::{
+    autopilots::FirmwareConfig,
+    baselines::Baseline,
+    harness::{scenario::Scenario, storm::Fault},
+    radio::SimulatedRadioConfig,
+};
 use alight_usv::sensors::SourceConfig;
 use clap::ValueEnum;
 use serde::{Deserialize, Serialize};

@@ -2,8 +2,10 @@
 
 use alight_shared::msg::{CameraLight, RangeSample, TagPose, UvdarFix};
 use alight_sim::sensors::DroneReadings;
-use alight_transport::TransportError;
-use alight_transport::memory::{Memory, Publisher};
+use alight_transport::{
+    TransportError,
+    memory::{Memory, Publisher},
+};
 
 pub struct Detections {
     tags: Publisher<TagPose>,

@@ -3,28 +3,36 @@
 //! An IP packet that one side sends into its TUN device leaves the other side's device when the profile permits.
 //! [`alight_sim::radio`] draws the delay or loss of each packet from the seed.
 
-use std::io::BufRead;
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
-use std::time::Duration;
+use std::{
+    io::BufRead,
+    path::PathBuf,
+    sync::{
+        Arc,
+        mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel},
+    },
+    time::Duration,
+};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal;
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    terminal,
+};
 use alight_shared::config::{self, Check, ConfigError, Keys};
 use alight_sim::radio::{ChannelCounts, Direction};
-use alight_transport::clock::steady_ns;
-use alight_transport::wake::end_requested;
-use clap::Args;
-use clap::builder::StringValueParser;
+use alight_transport::{clock::steady_ns, wake::end_requested};
+use clap::{Args, builder::StringValueParser};
 use serde::{Deserialize, Serialize};
 use tun_rs::SyncDevice;
 
-use crate::args::offering;
-use crate::live::config::LinkImpairment;
-use crate::live::impairment::Impaired;
-use crate::live::namespaces::{ADDRESSES, Namespaces};
-use crate::live::profile;
+use crate::{
+    args::offering,
+    live::{
+        config::LinkImpairment,
+        impairment::Impaired,
+        namespaces::{ADDRESSES, Namespaces},
+        profile,
+    },
+};
 
 /// Maximum number of packets between a device and the emulator; further packets are dropped.
 const INBOX: usize = 1024;

@@ -1,11 +1,12 @@
 //! Fault injected into a running landing, in a phase or at the first contact: a killed or briefly frozen process, or
 //! an order.
 
-use core::fmt;
-use core::str::FromStr;
+use core::{fmt, str::FromStr};
 
-use alight_shared::msg::{CommandKind, MissionState, State};
-use alight_shared::process::{ProcessKind, ProcessState};
+use alight_shared::{
+    msg::{CommandKind, MissionState, State},
+    process::{ProcessKind, ProcessState},
+};
 use alight_sim::harness::storm::{self, FaultKind, FaultTimer, FaultTurn, Moment};
 use alight_transport::signal::Signal;
 use serde::{Deserialize, Serialize};

@@ -1,20 +1,25 @@
 //! Impairment of one direction of the radio: of IP packets in the link emulator, or of a process's messages if no
 //! emulator is permitted.
 
-use std::collections::VecDeque;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, Ordering};
-use std::time::Duration;
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc,
+        atomic::{AtomicI64, Ordering},
+    },
+    time::Duration,
+};
 
-use alight_shared::msg::MissionState;
-use alight_shared::time::{Span, Time, WorldTime};
-use alight_sim::harness::storm::{Fault, Moment};
-use alight_sim::physics::streams::Streams;
-use alight_sim::radio::{ChannelCounts, Direction, SimulatedRadio, on_air};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::Instance;
-use alight_transport::observe::ReceiveChannel;
-use alight_transport::{Received, wake};
+use alight_shared::{
+    msg::MissionState,
+    time::{Span, Time, WorldTime},
+};
+use alight_sim::{
+    harness::storm::{Fault, Moment},
+    physics::streams::Streams,
+    radio::{ChannelCounts, Direction, SimulatedRadio, on_air},
+};
+use alight_transport::{Received, clock::steady_ns, memory::Instance, observe::ReceiveChannel, wake};
 
 use super::config::LinkImpairment;
 
@@ -132,8 +137,7 @@ impl ReceiveChannel for Inbound {
 mod tests {
     use super::*;
     use alight_shared::msg::State;
-    use alight_sim::harness::storm::FaultKind;
-    use alight_sim::radio::SimulatedRadioConfig;
+    use alight_sim::{harness::storm::FaultKind, radio::SimulatedRadioConfig};
 
     #[test]
     fn impaired_link_delay_and_outage() {

@@ -1,43 +1,59 @@
 //! `alight land`: one landing in real time, with every process of vessel and drone on this computer and the simulated
 //! world as the vehicles.
 
-use std::io::{IsTerminal, Write};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::{
+    io::{IsTerminal, Write},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::process::checkpoints::PersistentCheckpoints;
-use alight_computer::process::facts::{Facts, Reporter};
-use alight_computer::process::instance::OwnedInstance;
-use alight_computer::process::life::{draw_boot, end_with_supervisor};
-use alight_computer::process::observer::Observer;
-use alight_computer::process::scheduling;
-use alight_computer::process::supervision::SupervisorLimits;
-use alight_computer::process::supervisor::{Supervisor, SupervisorEvent};
-use alight_computer::record::flight::recorder;
-use alight_computer::record::flight::summary::PhaseEntry;
-use alight_computer::terminal::{self, note};
-use alight_computer::vessel::deck_file;
-use alight_shared::msg::{Command, CommandKind, Header, ReasonCode, State};
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneTime, TrueTime};
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::{Memory, Publisher, Services};
-use alight_transport::signal::{Signal, signal};
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    process::{
+        checkpoints::PersistentCheckpoints,
+        facts::{Facts, Reporter},
+        instance::OwnedInstance,
+        life::{draw_boot, end_with_supervisor},
+        observer::Observer,
+        scheduling,
+        supervision::SupervisorLimits,
+        supervisor::{Supervisor, SupervisorEvent},
+    },
+    record::flight::{recorder, summary::PhaseEntry},
+    terminal::{self, note},
+    vessel::deck_file,
+};
+use alight_shared::{
+    msg::{Command, CommandKind, Header, ReasonCode, State},
+    process::ProcessKind,
+    time::{DroneTime, TrueTime},
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::{Memory, Publisher, Services},
+    signal::{Signal, signal},
+    wake::end_requested,
+};
 
-use crate::live::air::RadioWatch;
-use crate::live::args::LandArgs;
-use crate::live::config::{AT_SEA, AutopilotKind};
-use crate::live::fault::{FaultInput, LiveAct, LiveFault};
-use crate::live::landing_setup::LandingSetup;
-use crate::live::list::{self, LiveFaults};
-use crate::live::report::{LiveOutcome, LiveReport};
-use crate::live::world::{CONTACT, GOES_ON, WorldReport};
-use crate::record::{self, RecordingScene};
-use crate::scene::Scene;
-use crate::{chart, outcome_table};
+use crate::{
+    chart,
+    live::{
+        air::RadioWatch,
+        args::LandArgs,
+        config::{AT_SEA, AutopilotKind},
+        fault::{FaultInput, LiveAct, LiveFault},
+        landing_setup::LandingSetup,
+        list::{self, LiveFaults},
+        report::{LiveOutcome, LiveReport},
+        world::{CONTACT, GOES_ON, WorldReport},
+    },
+    outcome_table,
+    record::{self, RecordingScene},
+    scene::Scene,
+};
 
 const SUPERVISION_PERIOD: Duration = Duration::from_millis(20);
 /// Time after the landing within which messages of a faulted process must resume, ns.

@@ -2,30 +2,38 @@
 
 use std::path::PathBuf;
 
-use alight_computer::config::camera::{CameraSource, UltravioletSource};
-use alight_computer::config::recorder::RecorderConfig;
-use alight_computer::config::supervision::Supervision;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::CliError;
-use alight_computer::process::instance::OwnedInstance;
-use alight_computer::process::supervisor::arguments;
-use alight_shared::config;
-use alight_shared::process::ProcessKind;
-use alight_sim::autopilots::FirmwareConfig;
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::clocks::{ClockModel, Clocks};
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::radio::RadioConfig;
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::computer;
-use alight_usv::DeckConfig;
-use alight_usv::sensors::SourcesConfig;
+use alight_computer::{
+    config::{
+        DroneComputerConfig, VesselComputerConfig,
+        camera::{CameraSource, UltravioletSource},
+        recorder::RecorderConfig,
+        supervision::Supervision,
+    },
+    exit::CliError,
+    process::{instance::OwnedInstance, supervisor::arguments},
+};
+use alight_shared::{config, process::ProcessKind};
+use alight_sim::{
+    autopilots::FirmwareConfig,
+    physics::streams::Streams,
+    sensors::clocks::{ClockModel, Clocks},
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    radio::RadioConfig,
+};
+use alight_uav::{autopilot::AutopilotLinkConfig, computer};
+use alight_usv::{DeckConfig, sensors::SourcesConfig};
 
-use crate::args::PlannerChoice;
-use crate::live::air::RadioPath;
-use crate::live::args::LandArgs;
-use crate::live::config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, sources, write};
-use crate::scene::Scene;
+use crate::{
+    args::PlannerChoice,
+    live::{
+        air::RadioPath,
+        args::LandArgs,
+        config::{Attachments, AutopilotKind, SimulatedWorld, attached, free_port, sources, write},
+    },
+    scene::Scene,
+};
 
 /// Delay from the start of the processes to the world's time zero, ns.
 const START_DELAY_NS: i64 = 1_500_000_000;

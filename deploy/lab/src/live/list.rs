@@ -6,9 +6,11 @@ use std::path::Path;
 use alight_computer::exit::CliError;
 use alight_sim::harness::storm::{Fault, FaultKind, Moment, Storm};
 
-use crate::live::fault::{LiveFault, ORDERS};
-use crate::scene::Scene;
-use crate::storm::read_list;
+use crate::{
+    live::fault::{LiveFault, ORDERS},
+    scene::Scene,
+    storm::read_list,
+};
 
 const IN_LOCK_STEP: &str = "; fly it in lock-step, by `alight study storm --list` or `alight trial`";
 

@@ -3,27 +3,37 @@
 //! absent or late firmware: the drone stays on its pad or flies on with its last motor commands, and the sea
 //! continues in real time.
 
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::time::Duration;
+use std::{
+    io::{ErrorKind, Read, Write},
+    net::{SocketAddr, TcpListener, TcpStream, UdpSocket},
+    time::Duration,
+};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::supervisor::pause;
-use alight_computer::terminal;
-use alight_shared::mavlink::Signing;
-use alight_shared::msg::AutopilotMode;
-use alight_shared::time::{TrueTime, WorldTime};
-use alight_sim::autopilots::px4::Px4Plant;
-use alight_sim::autopilots::simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number};
-use alight_sim::autopilots::{FirmwareConfig, FirmwareSensors, ardupilot, px4};
-use alight_sim::harness::physics::{Physics, TICK};
-use alight_sim::physics::drone::{MAX_ROTORS, PlantState};
-use alight_sim::sensors::DroneReadings;
-use alight_sim::sensors::beacon::BEACON;
-use alight_sim::sensors::clocks::ClockModel;
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::Memory;
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    exit::{CliError, Doing},
+    process::supervisor::pause,
+    terminal,
+};
+use alight_shared::{
+    mavlink::Signing,
+    msg::AutopilotMode,
+    time::{TrueTime, WorldTime},
+};
+use alight_sim::{
+    autopilots::{
+        FirmwareConfig, FirmwareSensors, ardupilot, px4,
+        px4::Px4Plant,
+        simulated::{INNER_PER_OUTER, SimulatedAutopilot, mode_number},
+    },
+    harness::physics::{Physics, TICK},
+    physics::drone::{MAX_ROTORS, PlantState},
+    sensors::{DroneReadings, beacon::BEACON, clocks::ClockModel},
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::Memory,
+    wake::end_requested,
+};
 use alight_uav::autopilot::wire::Encoder;
 
 use crate::live::config::AutopilotKind;
@@ -422,10 +432,8 @@ fn ardupilot_turn(
 mod tests {
     use super::*;
     use alight_shared::time::Time;
-    use alight_sim::autopilots::stand_in;
-    use alight_sim::physics::streams::Streams;
-    use alight_uav::autopilot::message::MavlinkMessage;
-    use alight_uav::autopilot::wire::Decoder;
+    use alight_sim::{autopilots::stand_in, physics::streams::Streams};
+    use alight_uav::autopilot::{message::MavlinkMessage, wire::Decoder};
     use nalgebra::Vector3;
 
     const MAX: i64 = 2000;

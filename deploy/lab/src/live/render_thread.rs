@@ -1,24 +1,35 @@
 //! Simulated camera of a live landing: a thread that renders the shots of the world's shutter, and publishes the
 //! images in the drone's shared memory or writes them as a device would.
 
-use std::fs::{File, OpenOptions};
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::time::Duration;
+use std::{
+    fs::{File, OpenOptions},
+    io::Write,
+    os::unix::fs::OpenOptionsExt,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+        mpsc::{SyncSender, sync_channel},
+    },
+    time::Duration,
+};
 
-use alight_computer::exit::CliError;
-use alight_computer::process::scheduling;
-use alight_computer::process::supervisor::pause;
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::physics::streams::Streams;
-use alight_sim::sensors::camera::CameraMount;
-use alight_sim::sensors::render::{Renderer, Shot};
-use alight_transport::clock::steady_ns;
-use alight_transport::images::{ImageHeader, ImagePublisher, ImageTopic};
-use alight_transport::memory::{Instance, Memory};
+use alight_computer::{
+    exit::CliError,
+    process::{scheduling, supervisor::pause},
+};
+use alight_sim::{
+    harness::scenario::Scenario,
+    physics::streams::Streams,
+    sensors::{
+        camera::CameraMount,
+        render::{Renderer, Shot},
+    },
+};
+use alight_transport::{
+    clock::steady_ns,
+    images::{ImageHeader, ImagePublisher, ImageTopic},
+    memory::{Instance, Memory},
+};
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 
 use crate::live::config::Devices;

@@ -1,16 +1,15 @@
 //! Report of a live landing in addition to its outcome: resource usage of the processes, delays, effects of the
 //! faults.
 
-use alight_computer::process::snapshot::{Snapshot, time};
-use alight_computer::record::flight::summary::{FlightSummary, PhaseEntry};
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::ReasonCode;
-use alight_shared::process::ProcessKind;
+use alight_computer::{
+    process::snapshot::{Snapshot, time},
+    record::flight::summary::{FlightSummary, PhaseEntry},
+};
+use alight_shared::{metrics::MetricName, msg::ReasonCode, process::ProcessKind};
 use alight_sim::harness::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
-use crate::live::air::RadioReport;
-use crate::live::fault::FaultReport;
+use crate::live::{air::RadioReport, fault::FaultReport};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ProcessUsage {

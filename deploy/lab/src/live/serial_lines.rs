@@ -4,22 +4,31 @@
 //! computer has closed it, a new pseudo-terminal replaces it, because the old one keeps unread bytes and its reader's
 //! exclusive mode (TIOCEXCL).
 
-use std::fs::{File, OpenOptions};
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::UdpSocket;
-use std::os::unix::fs::{OpenOptionsExt, symlink};
-use std::path::{Path, PathBuf};
+use std::{
+    fs::{File, OpenOptions},
+    io::{self, ErrorKind, Read, Write},
+    net::UdpSocket,
+    os::unix::fs::{OpenOptionsExt, symlink},
+    path::{Path, PathBuf},
+};
 
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::exit::{CliError, Doing};
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::sensors::bytes::Carries;
-use alight_sim::sensors::bytes::boat::Boat;
-use alight_sim::sensors::clocks::ClockModel;
+use alight_computer::{
+    config::link_url::LinkUrl,
+    exit::{CliError, Doing},
+};
+use alight_sim::{
+    harness::scenario::Scenario,
+    sensors::{
+        bytes::{Carries, boat::Boat},
+        clocks::ClockModel,
+    },
+};
 use alight_usv::sensors::{Readings, SourceConfig};
-use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
-use rustix::io::Errno;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::{
+    fs::{OFlags, fcntl_getfl, fcntl_setfl},
+    io::Errno,
+    pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt},
+};
 
 const MAX_RECEIVED: usize = 1 << 16;
 

@@ -1,20 +1,27 @@
 //! Services as systemd runs them: started, notified of readiness, restarted when they end (Restart=always,
 //! RestartSec=100ms), asked to end, killed.
 
-use std::ffi::{OsStr, OsString};
-use std::fs;
-use std::os::unix::net::UnixDatagram;
-use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{Receiver, sync_channel};
-use std::time::Duration;
+use std::{
+    ffi::{OsStr, OsString},
+    fs,
+    os::unix::{net::UnixDatagram, process::CommandExt},
+    path::{Path, PathBuf},
+    process::{Child, Command, Stdio},
+    sync::mpsc::{Receiver, sync_channel},
+    time::Duration,
+};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::process::start::{MAX_LINES, ProcessSurroundings, start};
-use alight_computer::process::supervisor::pause;
-use alight_transport::clock::steady_ns;
-use alight_transport::signal::{Signal, signal};
+use alight_computer::{
+    exit::{CliError, Doing},
+    process::{
+        start::{MAX_LINES, ProcessSurroundings, start},
+        supervisor::pause,
+    },
+};
+use alight_transport::{
+    clock::steady_ns,
+    signal::{Signal, signal},
+};
 
 const RESTART_NS: i64 = 100_000_000;
 const STOP_NS: i64 = 5_000_000_000;

@@ -2,41 +2,56 @@
 //! rangefinder. They communicate with other processes only as real vehicles would, and with their supervisor by lines
 //! on standard output.
 
-use std::fmt;
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::io::mavlink_key;
-use alight_computer::process::args::ProcessArgs;
-use alight_computer::process::lateness::{REAL_TIME_LIMIT_S, REMEDY};
-use alight_computer::process::life::{Life, draw_boot, node_recorder};
-use alight_computer::process::observer::Rejoined;
-use alight_computer::process::scheduling;
-use alight_computer::record::flight::recorder::NodeRecorder;
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::{DeckForecast, MissionState, Seq, State};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::TrueTime;
-use alight_sim::autopilots::FirmwareSensors;
-use alight_sim::chart::landing;
-use alight_sim::harness::outcome::{FALSE_STOP_M, Judge, Outcome, REST_S};
-use alight_sim::harness::physics::{Physics, TICK};
-use alight_sim::harness::trace::Trace;
-use alight_sim::sensors::DroneReadings;
-use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    io::mavlink_key,
+    process::{
+        args::ProcessArgs,
+        lateness::{REAL_TIME_LIMIT_S, REMEDY},
+        life::{Life, draw_boot, node_recorder},
+        observer::Rejoined,
+        scheduling,
+    },
+    record::flight::recorder::NodeRecorder,
+    terminal,
+};
+use alight_shared::{
+    config,
+    metrics::MetricName,
+    msg::{DeckForecast, MissionState, Seq, State},
+    process::{ProcessKind, ProcessState},
+    time::TrueTime,
+};
+use alight_sim::{
+    autopilots::FirmwareSensors,
+    chart::landing,
+    harness::{
+        outcome::{FALSE_STOP_M, Judge, Outcome, REST_S},
+        physics::{Physics, TICK},
+        trace::Trace,
+    },
+    sensors::DroneReadings,
+};
+use alight_transport::{
+    clock::{ProcessClock, steady_ns},
+    memory::{Instance, Memory, Publisher, Subscriber},
+};
 use serde::{Deserialize, Serialize};
 
-use crate::chart;
-use crate::live::args::WorldArgs;
-use crate::live::config::{AT_SEA, AutopilotKind, SimulatedWorld};
-use crate::live::detections::Detections;
-use crate::live::plant::{self, Plant};
-use crate::live::render_thread::RenderThread;
-use crate::live::serial_lines::{SensorLines, SerialLine};
-use crate::live::truth::TruthSample;
+use crate::{
+    chart,
+    live::{
+        args::WorldArgs,
+        config::{AT_SEA, AutopilotKind, SimulatedWorld},
+        detections::Detections,
+        plant::{self, Plant},
+        render_thread::RenderThread,
+        serial_lines::{SensorLines, SerialLine},
+        truth::TruthSample,
+    },
+};
 
 const SECOND_NS: i64 = 1_000_000_000;
 

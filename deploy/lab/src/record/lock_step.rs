@@ -1,17 +1,24 @@
 use alight_bridge::BridgeConfig;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::playback::Viewer;
-use alight_computer::record::entry::PartHeader;
-use alight_computer::record::observer::StepObserver;
-use alight_shared::frames::{DroneBody, VesselBody};
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::physics::{DRONE_ID, VESSEL_ID};
-use alight_sim::harness::vessel_computer::sources;
-use alight_sim::physics::body::RigidState;
-use alight_sim::sensors::bytes::boat::RECEIVER;
+use alight_computer::{
+    config::{DroneComputerConfig, VesselComputerConfig},
+    exit::{CliError, Doing},
+    playback::Viewer,
+    record::{entry::PartHeader, observer::StepObserver},
+};
+use alight_shared::{
+    frames::{DroneBody, VesselBody},
+    step::Step,
+    time::WorldTime,
+};
+use alight_sim::{
+    harness::{
+        observer::WorldObserver,
+        physics::{DRONE_ID, VESSEL_ID},
+        vessel_computer::sources,
+    },
+    physics::body::RigidState,
+    sensors::bytes::boat::RECEIVER,
+};
 use alight_usv::computer::PROCESSES;
 use nalgebra::Vector3;
 

@@ -5,27 +5,34 @@ mod truth;
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::playback::{Viewer, replay, shown};
-use alight_computer::record::entry::{Entry, PartHeader};
-use alight_computer::record::log::Log;
-use alight_computer::record::observer::StepObserver;
-use alight_computer::record::{
-    About, BASELINE_FILE, FOREIGN_FORECASTS, FOREIGN_PLANS, LIVE, Recorder, WORLD,
+use alight_computer::{
+    exit::{CliError, Doing},
+    playback::{Viewer, replay, shown},
+    record::{
+        About, BASELINE_FILE, FOREIGN_FORECASTS, FOREIGN_PLANS, LIVE, Recorder, WORLD,
+        entry::{Entry, PartHeader},
+        log::Log,
+        observer::StepObserver,
+    },
 };
-use alight_shared::frames::{DroneBody, VesselBody};
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
-use alight_shared::time::{Span, WorldTime};
-use alight_shared::wire::{self, WireError};
-use alight_sim::baselines::Baseline;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{FlownTrial, Watch, fly_with};
-use alight_sim::physics::body::RigidState;
+use alight_shared::{
+    frames::{DroneBody, VesselBody},
+    process::ProcessKind,
+    step::Step,
+    time::{Span, WorldTime},
+    wire::{self, WireError},
+};
+use alight_sim::{
+    baselines::Baseline,
+    harness::{
+        outcome::Outcome,
+        scenario::{NodeConfigs, Scenario},
+        trial::{FlownTrial, Watch, fly_with},
+    },
+    physics::body::RigidState,
+};
 use alight_transport::wake::end_requested;
-use alight_uav::planner::law::Law;
-use alight_uav::settings::DroneSettings;
+use alight_uav::{planner::law::Law, settings::DroneSettings};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 

@@ -1,14 +1,11 @@
 //! Truth in a recording: the scene, and the relation of drone and deck.
 
-use alight_computer::record::Recorder;
-use alight_computer::record::scenery::Scenery;
-use alight_computer::record::schema::Truth;
-use alight_computer::record::sink::Sink;
-use alight_computer::record::views::ViewTopic;
-use alight_shared::frames::{Deck, DroneBody, VesselBody};
-use alight_shared::time::WorldTime;
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::physics::body::RigidState;
+use alight_computer::record::{Recorder, scenery::Scenery, schema::Truth, sink::Sink, views::ViewTopic};
+use alight_shared::{
+    frames::{Deck, DroneBody, VesselBody},
+    time::WorldTime,
+};
+use alight_sim::{harness::scenario::Scenario, physics::body::RigidState};
 use mcap::McapError;
 use nalgebra::Vector3;
 

@@ -1,7 +1,6 @@
 //! File of a study: the scenes and planners to fly, and the published results.
 
-use std::collections::BTreeMap;
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
 
 use alight_computer::exit::{CliError, Doing};
 use alight_shared::config;

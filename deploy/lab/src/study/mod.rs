@@ -9,8 +9,10 @@ mod run;
 mod table;
 mod tasks;
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal;
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    terminal,
+};
 
 use super::args::StudyArgs;
 

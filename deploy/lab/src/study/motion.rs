@@ -1,24 +1,29 @@
 //! `alight study --motion`: motion of a study's decks as CSV, for other simulators and motion platforms.
 
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::terminal::note;
-use alight_shared::frames::{Deck, DroneBody, VesselBody};
-use alight_shared::step::Step;
-use alight_shared::time::WorldTime;
-use alight_sim::harness::observer::WorldObserver;
-use alight_sim::harness::outcome::TIME_LIMIT_S;
-use alight_sim::harness::physics::TICK;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::world::World;
-use alight_sim::physics::body::RigidState;
+use alight_computer::{
+    exit::{CliError, Doing},
+    terminal::note,
+};
+use alight_shared::{
+    frames::{Deck, DroneBody, VesselBody},
+    step::Step,
+    time::WorldTime,
+};
+use alight_sim::{
+    harness::{
+        observer::WorldObserver, outcome::TIME_LIMIT_S, physics::TICK, scenario::NodeConfigs, world::World,
+    },
+    physics::body::RigidState,
+};
 use alight_usv::computer::ComputerIn;
 use nalgebra::Vector3;
 
-use super::rows::StudyRow;
-use super::run::{file_stem, write_files};
+use super::{
+    rows::StudyRow,
+    run::{file_stem, write_files},
+};
 
 const ABOUT: &str = "NAME.csv: true motion of the deck's centre every 0.02 s. roll_deg (starboard down), pitch_deg (bow up),
 heading_deg; heave_m (up), surge_m and sway_m (along and to starboard of the mean heading) about their means.

@@ -1,18 +1,26 @@
 //! `result.json`: record of what produced a study's rows, with the digest of each flight.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::terminal::{line, wrapped};
+use alight_computer::{
+    exit::{CliError, Doing},
+    terminal::{line, wrapped},
+};
 use alight_shared::wire;
 use alight_sim::harness::outcome::Outcome;
 use serde::{Deserialize, Serialize};
 
-use super::rows::StudyRow;
-use super::run::{GridRun, configuration_hash, write_files};
-use crate::exec::{EXEC_MEASURED, command};
-use crate::trials::{fly_seed, in_parallel, seeds};
+use super::{
+    rows::StudyRow,
+    run::{GridRun, configuration_hash, write_files},
+};
+use crate::{
+    exec::{EXEC_MEASURED, command},
+    trials::{fly_seed, in_parallel, seeds},
+};
 
 pub const RESULT_FILE: &str = "result.json";
 /// Maximum number of differences that a message names.

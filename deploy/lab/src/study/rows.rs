@@ -2,21 +2,25 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use alight_computer::config::method::lay;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::terminal;
+use alight_computer::{
+    config::{DroneComputerConfig, VesselComputerConfig, method::lay},
+    exit::{CliError, Doing},
+    terminal,
+};
 use alight_shared::config::{Check, Keys};
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
+use alight_sim::harness::{
+    outcome::Outcome,
+    scenario::{NodeConfigs, Scenario},
+};
 use clap::Parser;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use serde::{Serialize, de::DeserializeOwned};
 use toml::{Table, Value};
 
 use super::definition::{Changes, Definition, PublishedResult, StudyAxis, StudyGrid};
-use crate::args::{PlannerChoice, SceneArgs, StudyArgs};
-use crate::scene::Scene;
+use crate::{
+    args::{PlannerChoice, SceneArgs, StudyArgs},
+    scene::Scene,
+};
 
 /// Axis of the rows that are not part of a grid.
 const ROWS: &str = "row";
@@ -323,8 +327,10 @@ pub fn expand(definition: &Definition, args: &StudyArgs) -> Result<Rows, CliErro
 
 #[cfg(test)]
 mod tests {
-    use super::super::definition::{parse, tests::shipped};
-    use super::*;
+    use super::{
+        super::definition::{parse, tests::shipped},
+        *,
+    };
     use crate::args::typed;
     use alight_sim::physics::vessel::VesselCourse;
 

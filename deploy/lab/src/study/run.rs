@@ -1,28 +1,36 @@
 //! Runs a grid of scenes and planners: resumable, sharded, with a CSV row per trial.
 
-use std::collections::BTreeSet;
-use std::fs::{File, OpenOptions};
-use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::{
+    collections::BTreeSet,
+    fs::{File, OpenOptions},
+    path::{Path, PathBuf},
+    sync::Mutex,
+};
 
-use alight_computer::config::{DroneFile, VesselComputerConfig, method};
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::terminal::note;
+use alight_computer::{
+    config::{DroneFile, VesselComputerConfig, method},
+    exit::{CliError, Doing},
+    terminal::note,
+};
 use alight_shared::wire;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::NodeConfigs;
-use alight_sim::harness::trial::Watch;
-use alight_sim::studies::statistics::wilson;
+use alight_sim::{
+    harness::{outcome::Outcome, scenario::NodeConfigs, trial::Watch},
+    studies::statistics::wilson,
+};
 use alight_transport::wake::end_requested;
 use alight_uav::planner::PlannerKind;
 
-use super::definition::Definition;
-use super::result::{RESULT_FILE, StudyResult};
-use super::rows::StudyRow;
-use super::tasks;
-use crate::args::{Shard, StudyArgs};
-use crate::record::{self, RecordingScene};
-use crate::trials::{fly_seed, in_parallel, seeds};
+use super::{
+    definition::Definition,
+    result::{RESULT_FILE, StudyResult},
+    rows::StudyRow,
+    tasks,
+};
+use crate::{
+    args::{Shard, StudyArgs},
+    record::{self, RecordingScene},
+    trials::{fly_seed, in_parallel, seeds},
+};
 
 pub struct GridRun<'a> {
     pub study: &'a str,

@@ -1,26 +1,38 @@
 //! Table of a study: a row for each scene and planner, and for each pool of scenes, with intervals and paired
 //! differences from the first planner.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
-use alight_computer::cells;
-use alight_computer::exit::CliError;
-use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::{note, wrapped};
-use alight_sim::harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome};
-use alight_sim::studies::paired::{self, COMPARED, Comparison};
-use alight_sim::studies::statistics::{METRICS, Summary, at_most_95, bootstrap_mean, wilson};
+use alight_computer::{
+    cells,
+    exit::CliError,
+    table::{Cell, Table},
+    terminal::{note, wrapped},
+};
+use alight_sim::{
+    harness::outcome::{MAX_CONTACT_MPS, MAX_TILT_ERROR_RAD, Outcome},
+    studies::{
+        paired::{self, COMPARED, Comparison},
+        statistics::{METRICS, Summary, at_most_95, bootstrap_mean, wilson},
+    },
+};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::definition::{Definition, PublishedResult};
-use super::result::StudyResult;
-use super::rows::{Rows, StudyRow};
-use super::run::{self, write_files};
-use crate::args::StudyArgs;
-use crate::outcome_table::{committed_odds, summary_json};
-use crate::scene::written;
+use super::{
+    definition::{Definition, PublishedResult},
+    result::StudyResult,
+    rows::{Rows, StudyRow},
+    run::{self, write_files},
+};
+use crate::{
+    args::StudyArgs,
+    outcome_table::{committed_odds, summary_json},
+    scene::written,
+};
 
 const MAX_FAILURES: usize = 12;
 const WORST_COUNT: usize = 3;
@@ -440,9 +452,13 @@ fn extremes(rows: &[TableRow]) -> Table {
 mod tests {
     use alight_shared::wire;
 
-    use super::super::definition::{parse, text};
-    use super::super::rows::expand;
-    use super::*;
+    use super::{
+        super::{
+            definition::{parse, text},
+            rows::expand,
+        },
+        *,
+    };
     use crate::args::typed;
     use alight_sim::harness::outcome::{Ending, Judge};
 

@@ -3,8 +3,7 @@
 
 use alight_computer::exit::CliError;
 
-use crate::args::StudyArgs;
-use crate::scene::quoted;
+use crate::{args::StudyArgs, scene::quoted};
 
 /// Maximum number of commands: schedulers handle fewer and longer commands better.
 const TASKS: u64 = 100_000;

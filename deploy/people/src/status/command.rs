@@ -1,15 +1,14 @@
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::instance::is_running;
-use alight_computer::process::observer::InstanceFollower;
-use alight_computer::process::supervisor::pause;
-use alight_computer::situation::{OBSERVATION_S, configured};
-use alight_computer::subject::{Computer, Subject};
-use alight_computer::terminal;
-use alight_transport::memory::Instance;
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    exit::{CliError, Exit},
+    process::{instance::is_running, observer::InstanceFollower, supervisor::pause},
+    situation::{OBSERVATION_S, configured},
+    subject::{Computer, Subject},
+    terminal,
+};
+use alight_transport::{memory::Instance, wake::end_requested};
 use clap::Args;
 
 use super::{Status, watch};

@@ -1,12 +1,12 @@
 use alight_computer::situation::ObservedSituation;
-use alight_shared::frames::wrap_angle;
-use alight_shared::geodesy::KNOT_MPS;
-use alight_shared::msg::{CourseAdvice, DeckForecast, DroneContact, VesselStatus, Wind};
+use alight_shared::{
+    frames::wrap_angle,
+    geodesy::KNOT_MPS,
+    msg::{CourseAdvice, DeckForecast, DroneContact, VesselStatus, Wind},
+};
 use serde::Serialize;
 
-use super::Figure;
-use super::go::descends;
-use super::vessel::LOST_CONTACT_S;
+use super::{Figure, go::descends, vessel::LOST_CONTACT_S};
 
 /// Minimum speed for a course over ground to be shown, m/s.
 const STILL_MPS: f64 = 0.3;

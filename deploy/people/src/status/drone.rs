@@ -1,26 +1,34 @@
 //! Findings, state and figures of the drone's computer.
 
-use alight_computer::io::mavlink_key;
-use alight_computer::process::snapshot::{minutes, time};
-use alight_computer::situation::ObservedSituation;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::{
-    AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, DeckStage, DroneStatus, LandedState,
-    LandingMode, MissionState, ReasonCode, ShadowComparison, State, TwoDigits, VesselLevel, Wind,
-    still_armed,
+use alight_computer::{
+    io::mavlink_key,
+    process::snapshot::{minutes, time},
+    situation::ObservedSituation,
 };
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::Time;
-use alight_shared::topics;
+use alight_shared::{
+    geodesy::Datum,
+    geometry::GRAVITY,
+    metrics::MetricName,
+    msg::{
+        AttitudeResponse, AutopilotState, CarrierSolution, DECK_CLOSED, DeckStage, DroneStatus, LandedState,
+        LandingMode, MissionState, ReasonCode, ShadowComparison, State, TwoDigits, VesselLevel, Wind,
+        still_armed,
+    },
+    process::{ProcessKind, ProcessState},
+    time::Time,
+    topics,
+};
 use alight_uav::mission::MAX_VESSEL_DISTANCE_M;
 
 use crate::explain::advice;
 
-use super::finding::{Finding, FindingLevel, FindingTopic};
-use super::go::Go;
-use super::{ARMED_REMEDY, Figure, StateView, compass, course, go, processes};
+use super::{
+    ARMED_REMEDY, Figure, StateView, compass, course,
+    finding::{Finding, FindingLevel, FindingTopic},
+    go,
+    go::Go,
+    processes,
+};
 
 /// Age of the vessel's estimate above which a warning is given, as a fraction of its topic's limit.
 const OLD_LINK: f64 = 0.5;

@@ -1,8 +1,10 @@
 use core::fmt;
 
-use alight_computer::exit::Exit;
-use alight_computer::table::Colour;
-use alight_computer::terminal::{WIDTH, wrap};
+use alight_computer::{
+    exit::Exit,
+    table::Colour,
+    terminal::{WIDTH, wrap},
+};
 use serde::Serialize;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]

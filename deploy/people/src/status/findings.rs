@@ -1,12 +1,16 @@
 //! Findings on a situation: thresholds and texts of `alight status` and of the page.
 
-use alight_computer::process::lateness;
-use alight_computer::process::snapshot::minutes;
-use alight_computer::situation::ObservedSituation;
+use alight_computer::{
+    process::{lateness, snapshot::minutes},
+    situation::ObservedSituation,
+};
 use alight_shared::metrics::MetricName;
 
-use super::finding::{Finding, FindingTopic};
-use super::{drone, vessel};
+use super::{
+    drone,
+    finding::{Finding, FindingTopic},
+    vessel,
+};
 
 pub fn judge(s: &ObservedSituation) -> Vec<Finding> {
     let mut all = processes(s);

@@ -1,8 +1,10 @@
 use alight_shared::msg::{DroneStatus, Phase, Reason, ReasonCode, State};
 use serde::Serialize;
 
-use super::StateView;
-use super::finding::{Finding, FindingLevel};
+use super::{
+    StateView,
+    finding::{Finding, FindingLevel},
+};
 
 /// Stages of a landing in order, without hold, idle and abort states.
 const STAGES: [State; 7] = [

@@ -14,10 +14,8 @@ pub mod text;
 pub mod vessel;
 pub mod watch;
 
-use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::ObservedSituation;
-use alight_shared::msg::ComputerReport;
-use alight_shared::msg::Course;
+use alight_computer::{process::snapshot::Snapshot, situation::ObservedSituation};
+use alight_shared::msg::{ComputerReport, Course};
 use alight_transport::clock::steady_ns;
 use compass::Compass;
 use finding::{Finding, FindingLevel, FindingTopic};

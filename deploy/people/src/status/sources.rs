@@ -1,10 +1,11 @@
 //! Findings on a vessel's sensors and estimate: rejections, decoding remarks, and whether the estimate is good enough
 //! for a landing.
 
-use alight_computer::process::snapshot::time;
-use alight_computer::situation::SourceHealth;
-use alight_shared::estimation::JITTER_S;
-use alight_shared::msg::{EstimatorStatus, Line};
+use alight_computer::{process::snapshot::time, situation::SourceHealth};
+use alight_shared::{
+    estimation::JITTER_S,
+    msg::{EstimatorStatus, Line},
+};
 
 use super::finding::{Finding, FindingTopic};
 

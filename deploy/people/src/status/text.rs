@@ -1,10 +1,11 @@
 //! Text of a status: headline and labelled lines, at most 20 lines of 80 columns, or the full report.
 
-use alight_computer::process::{metrics, snapshot::time};
-use alight_computer::terminal::{WIDTH, wrap};
+use alight_computer::{
+    process::{metrics, snapshot::time},
+    terminal::{WIDTH, wrap},
+};
 
-use super::finding::FindingLevel;
-use super::{Figure, Status};
+use super::{Figure, Status, finding::FindingLevel};
 
 const HEIGHT: usize = 20;
 const LABEL: usize = 11;

@@ -1,20 +1,28 @@
 //! Findings, state and figures of the vessel's computer.
 
-use alight_computer::process::snapshot::time;
-use alight_computer::situation::ObservedSituation;
-use alight_computer::vessel::{deck_inputs, helm_lamp};
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::{
-    CertificateState, Charge, Closure, Course, CourseAdvice, DeckMotion, DeckStatus, DroneContact,
-    DroneStatus, EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, still_armed,
+use alight_computer::{
+    process::snapshot::time,
+    situation::ObservedSituation,
+    vessel::{deck_inputs, helm_lamp},
 };
-use alight_shared::process::ProcessKind;
+use alight_shared::{
+    metrics::MetricName,
+    msg::{
+        CertificateState, Charge, Closure, Course, CourseAdvice, DeckMotion, DeckStatus, DroneContact,
+        DroneStatus, EstimatorStatus, State, TwoDigits, VesselReport, VesselStatus, still_armed,
+    },
+    process::ProcessKind,
+};
 use alight_usv::sensors::UNWITNESSED;
 
-use super::finding::{Finding, FindingLevel, FindingTopic};
-use super::go::Go;
-use super::sources::{self, MISSING_S, estimator, source};
-use super::{ARMED_REMEDY, Figure, StateView, certificate, compass, course, go, processes};
+use super::{
+    ARMED_REMEDY, Figure, StateView, certificate, compass, course,
+    finding::{Finding, FindingLevel, FindingTopic},
+    go,
+    go::Go,
+    processes,
+    sources::{self, MISSING_S, estimator, source},
+};
 
 /// Silence after which a drone is out of reach, s; drones report at 2 Hz.
 pub const LOST_CONTACT_S: f64 = 5.0;

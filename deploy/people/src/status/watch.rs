@@ -1,19 +1,21 @@
 //! `alight status --watch`: redrawn to the size of the terminal window; without a terminal, one line per change. The
 //! terminal is always restored at the end.
 
-use std::io::IsTerminal;
-use std::time::Duration;
+use std::{io::IsTerminal, time::Duration};
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::terminal;
-use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
-use ratatui::style::{Color, Style};
-use ratatui::text::{Line, Text};
-use ratatui::widgets::Paragraph;
-use ratatui::{DefaultTerminal, Frame};
+use alight_computer::{
+    exit::{CliError, Doing},
+    terminal,
+};
+use ratatui::{
+    DefaultTerminal, Frame,
+    crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers},
+    style::{Color, Style},
+    text::{Line, Text},
+    widgets::Paragraph,
+};
 
-use super::Status;
-use super::finding::FindingLevel;
+use super::{Status, finding::FindingLevel};
 
 const PERIOD: Duration = Duration::from_millis(250);
 const MAX_EVENTS: u32 = 64;
@@ -93,11 +95,9 @@ fn draw(frame: &mut Frame<'_>, status: &Status) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::status::Figure;
-    use crate::status::finding::FindingTopic;
+    use crate::status::{Figure, finding::FindingTopic};
     use alight_shared::msg::still_armed;
-    use ratatui::Terminal;
-    use ratatui::backend::TestBackend;
+    use ratatui::{Terminal, backend::TestBackend};
 
     #[test]
     fn watch_within_its_window() {

@@ -1,9 +1,10 @@
 //! `alight config`: prints configurations with the descriptions of their keys.
 
-use alight_computer::config::method::KeyOwner;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal;
+use alight_computer::{
+    config::{DroneComputerConfig, VesselComputerConfig, method::KeyOwner},
+    exit::{CliError, Doing, Exit},
+    terminal,
+};
 use alight_shared::config::{Check, commented_keys};
 use clap::Args;
 use serde::Serialize;

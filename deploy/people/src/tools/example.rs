@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::terminal;
-use clap::Args;
-use clap::builder::PossibleValuesParser;
+use alight_computer::{
+    exit::{CliError, Exit},
+    terminal,
+};
+use clap::{Args, builder::PossibleValuesParser};
 
 use super::init::write_new;
 

@@ -2,14 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::cells;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::record::flight::mend::{Repair, mend};
-use alight_computer::record::flight::store::{self, StoredFlight};
-use alight_computer::record::flight::summary::FlightSummary;
-use alight_computer::record::reading::contained;
-use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::{self, Form, note};
+use alight_computer::{
+    cells,
+    exit::{CliError, Exit},
+    record::{
+        flight::{
+            mend::{Repair, mend},
+            store::{self, StoredFlight},
+            summary::FlightSummary,
+        },
+        reading::contained,
+    },
+    table::{Cell, Table},
+    terminal::{self, Form, note},
+};
 use clap::Args;
 use serde::Serialize;
 

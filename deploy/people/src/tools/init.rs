@@ -6,20 +6,28 @@
 #[cfg(test)]
 mod tests;
 
-use std::fs::OpenOptions;
-use std::io::{BufRead, Write};
-use std::path::{Path, PathBuf};
+use std::{
+    fs::OpenOptions,
+    io::{BufRead, Write},
+    path::{Path, PathBuf},
+};
 
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::tags::{of_vessel, suggested};
+use alight_computer::{
+    config::{DroneComputerConfig, VesselComputerConfig},
+    exit::{CliError, Doing, Exit},
+    terminal,
+};
+use alight_shared::{
+    config,
+    geometry::GRAVITY,
+    tags::{of_vessel, suggested},
+};
 use clap::Args;
 
-use crate::status::finding::FindingLevel;
-use crate::tools::{check, tag};
+use crate::{
+    status::finding::FindingLevel,
+    tools::{check, tag},
+};
 
 /// Directory of the files.
 #[derive(Args, Debug)]

@@ -1,12 +1,16 @@
-use std::fs;
-use std::path::{Path, PathBuf};
-
-use alight_computer::certificates::{
-    AUTHORITY_FILE, AUTHORITY_KEY, CERTIFICATE_FILE, RENEWAL_DAYS, expiry, init, issue, read,
+use std::{
+    fs,
+    path::{Path, PathBuf},
 };
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::quantity::whole;
-use alight_computer::terminal::{self, Form};
+
+use alight_computer::{
+    certificates::{
+        AUTHORITY_FILE, AUTHORITY_KEY, CERTIFICATE_FILE, RENEWAL_DAYS, expiry, init, issue, read,
+    },
+    exit::{CliError, Doing, Exit},
+    quantity::whole,
+    terminal::{self, Form},
+};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::json;

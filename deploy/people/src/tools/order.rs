@@ -6,24 +6,28 @@ mod ashore;
 mod beacon;
 mod station;
 
-use std::ffi::OsString;
-use std::path::PathBuf;
-use std::time::Duration;
+use std::{ffi::OsString, path::PathBuf, time::Duration};
 
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::instance::is_running;
-use alight_computer::process::local_command::{answer, give};
-use alight_computer::quantity::{SECOND, WrittenTime, speed_mps, whole};
-use alight_computer::subject::{commanded_drone, commanded_vessel};
-use alight_computer::terminal::{self, WIDTH};
-use alight_computer::vessel::crew::OrderOnItsWay;
-use alight_shared::msg::{
-    Command, CommandKind, DeckOrder, DroneContact, MissionState, SilentDrone, VesselStatus,
+use alight_computer::{
+    config::VesselComputerConfig,
+    exit::{CliError, Exit},
+    process::{
+        instance::is_running,
+        local_command::{answer, give},
+    },
+    quantity::{SECOND, WrittenTime, speed_mps, whole},
+    subject::{commanded_drone, commanded_vessel},
+    terminal::{self, WIDTH},
+    vessel::crew::OrderOnItsWay,
 };
-use alight_shared::time::{DroneClock, SteadyClock, Time};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher, Subscriber};
+use alight_shared::{
+    msg::{Command, CommandKind, DeckOrder, DroneContact, MissionState, SilentDrone, VesselStatus},
+    time::{DroneClock, SteadyClock, Time},
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory, Publisher, Subscriber},
+};
 use clap::{Args, Command as Clap, ValueEnum};
 use serde_json::json;
 

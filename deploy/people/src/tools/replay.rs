@@ -3,25 +3,27 @@
 use alight_shared::msg::ComputerReport;
 use std::path::{Path, PathBuf};
 
-use alight_computer::cells;
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::config::view::ViewConfig;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::playback::{ForeignLaw, NodeReplay, Plot, Viewer, replay, shown};
-use alight_computer::process::args::ViewArgs;
-use alight_computer::record::flight::store;
-use alight_computer::record::log::{Log, ProcessStart};
-use alight_computer::record::observer::StepObserver;
-use alight_computer::record::reading::{contained, is_whole};
-use alight_computer::record::{About, LIVE, Recorder, WORLD};
-use alight_computer::table::{Table, verdict};
-use alight_computer::terminal::{self, Form, note};
+use alight_computer::{
+    cells,
+    config::{DroneComputerConfig, view::ViewConfig},
+    exit::{CliError, Exit},
+    playback::{ForeignLaw, NodeReplay, Plot, Viewer, replay, shown},
+    process::args::ViewArgs,
+    record::{
+        About, LIVE, Recorder, WORLD,
+        flight::store,
+        log::{Log, ProcessStart},
+        observer::StepObserver,
+        reading::{contained, is_whole},
+    },
+    table::{Table, verdict},
+    terminal::{self, Form, note},
+};
 use alight_shared::time::Span;
 use clap::Args;
 use serde_json::json;
 
-use crate::said::Statements;
-use crate::tools::view::start_viewer;
+use crate::{said::Statements, tools::view::start_viewer};
 
 /// Recording to replay.
 #[derive(Args, Debug)]

@@ -1,13 +1,17 @@
 //! `alight config schema`: message formats of Zenoh and iceoryx2 and the lines of external planners and predictors,
 //! for other programs.
 
-use alight_computer::cells;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::{self, WIDTH, wrap};
-use alight_shared::msg::message_version;
-use alight_shared::schema::{self, LineFormat};
-use alight_shared::topics::{self, Medium, Topic};
+use alight_computer::{
+    cells,
+    exit::{CliError, Exit},
+    table::{Cell, Table},
+    terminal::{self, WIDTH, wrap},
+};
+use alight_shared::{
+    msg::message_version,
+    schema::{self, LineFormat},
+    topics::{self, Medium, Topic},
+};
 use clap::Args;
 use schemars::Schema;
 use serde_json::json;

@@ -2,13 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::subject::SHIPPED;
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::tags::{DeckTag, MARGIN, Tags, of_vessel, suggested};
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::{CliError, Doing, Exit},
+    subject::SHIPPED,
+    terminal,
+};
+use alight_shared::{
+    config,
+    geometry::DeckGeometry,
+    tags::{DeckTag, MARGIN, Tags, of_vessel, suggested},
+};
 use alight_uav::camera::layout::{CELLS, cells, faults};
 use clap::{Args, ValueEnum};
 use pdf_writer::{Content, Finish, Name, Pdf, Rect, Ref, Str};

@@ -1,36 +1,48 @@
 use alight_shared::msg::ComputerReport;
-use std::net::SocketAddr;
-use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::{net::SocketAddr, sync::atomic::Ordering, time::Duration};
 
-use alight_computer::config::view::{FOXGLOVE, ViewConfig};
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::io::wall::wall_ns;
-use alight_computer::playback::{Bodies, Viewer};
-use alight_computer::process::args::page_address;
-use alight_computer::process::facts::Facts;
-use alight_computer::process::life::{Life, draw_boot, end_with_supervisor};
-use alight_computer::process::local_command::give;
-use alight_computer::process::observer::Rejoined;
-use alight_computer::process::supervisor::pause;
-use alight_computer::subject::{Computer, Subject};
-use alight_computer::terminal;
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{Command, CommandKind, MissionState, State};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Span, SteadyClock, Time, TrueTime};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher};
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    config::{
+        DroneComputerConfig, VesselComputerConfig,
+        view::{FOXGLOVE, ViewConfig},
+    },
+    exit::{CliError, Doing, Exit},
+    io::wall::wall_ns,
+    playback::{Bodies, Viewer},
+    process::{
+        args::page_address,
+        facts::Facts,
+        life::{Life, draw_boot, end_with_supervisor},
+        local_command::give,
+        observer::Rejoined,
+        supervisor::pause,
+    },
+    subject::{Computer, Subject},
+    terminal,
+};
+use alight_shared::{
+    admission::Retransmission,
+    msg::{Command, CommandKind, MissionState, State},
+    process::{ProcessKind, ProcessState},
+    time::{Span, SteadyClock, Time, TrueTime},
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory, Publisher},
+    wake::end_requested,
+};
 use clap::Args;
 
-use crate::status::Status;
-use crate::tools::{flights, view_vessel};
-use crate::view::camera::CameraFeed;
-use crate::view::memory_observer::MemoryObserver;
-use crate::view::server::{PageOrder, Served};
-use crate::view::view_observer::ViewObserver;
+use crate::{
+    status::Status,
+    tools::{flights, view_vessel},
+    view::{
+        camera::CameraFeed,
+        memory_observer::MemoryObserver,
+        server::{PageOrder, Served},
+        view_observer::ViewObserver,
+    },
+};
 
 /// Computer to show, and the addresses to serve.
 #[derive(Args, Debug)]
@@ -291,8 +303,7 @@ fn wall_offset_ns() -> i64 {
 mod tests {
     use super::*;
     use alight_computer::process::instance::OwnedInstance;
-    use alight_shared::msg::Header;
-    use alight_shared::time::DroneClock;
+    use alight_shared::{msg::Header, time::DroneClock};
     use alight_transport::memory::{Services, Subscriber};
 
     fn published(at: Time<DroneClock>, state: State) -> MissionState {

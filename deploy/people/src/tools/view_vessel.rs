@@ -3,22 +3,28 @@
 use alight_shared::msg::ComputerReport;
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::exit::CliError;
-use alight_computer::process::facts::Facts;
-use alight_computer::process::observer::InstanceFollower;
-use alight_computer::situation::ObservedSituation;
-use alight_computer::vessel::crew::OrderOnItsWay;
-use alight_shared::msg::{DeckOrder, State};
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{Time, TrueTime};
+use alight_computer::{
+    config::VesselComputerConfig,
+    exit::CliError,
+    process::{facts::Facts, observer::InstanceFollower},
+    situation::ObservedSituation,
+    vessel::crew::OrderOnItsWay,
+};
+use alight_shared::{
+    msg::{DeckOrder, State},
+    process::ProcessKind,
+    time::{Time, TrueTime},
+};
 
-use crate::status::Status;
-use crate::tools::flights;
-use crate::tools::order::STEADY_S;
-use crate::view::motion::MotionHistory;
-use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView};
-use crate::view::server::PageOrder;
+use crate::{
+    status::Status,
+    tools::{flights, order::STEADY_S},
+    view::{
+        motion::MotionHistory,
+        picture::{FlightLine, LogLine, OrderView, Picture, ResultView, TrackView},
+        server::PageOrder,
+    },
+};
 
 const LOG_LINES: usize = 12;
 const DRONES: usize = 32;

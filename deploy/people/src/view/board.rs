@@ -2,23 +2,32 @@
 
 use std::collections::VecDeque;
 
-use alight_computer::process::lateness::{REAL_TIME_LIMIT_S, REMEDY};
-use alight_computer::process::snapshot::minutes;
-use alight_computer::record::messages::Message;
-use alight_computer::situation::ObservedSituation;
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, TwoDigits};
-use alight_shared::process::{ProcessKind, ProcessState};
-use alight_shared::time::{Time, TrueTime};
-use alight_shared::topics;
+use alight_computer::{
+    process::{
+        lateness::{REAL_TIME_LIMIT_S, REMEDY},
+        snapshot::minutes,
+    },
+    record::messages::Message,
+    situation::ObservedSituation,
+};
+use alight_shared::{
+    metrics::MetricName,
+    msg::{ComputerReport, DeckDimensions, MissionState, ReasonCode, State, TwoDigits},
+    process::{ProcessKind, ProcessState},
+    time::{Time, TrueTime},
+    topics,
+};
 
-use crate::status::Status;
-use crate::status::go::descends;
-use crate::view::camera_image::ShownImage;
-use crate::view::motion::MotionHistory;
-use crate::view::picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView};
-use crate::view::scene::{drone, scene};
-use crate::view::track::GroundTrack;
+use crate::{
+    status::{Status, go::descends},
+    view::{
+        camera_image::ShownImage,
+        motion::MotionHistory,
+        picture::{FlightLine, LogLine, OrderView, Picture, ResultView, SceneView},
+        scene::{drone, scene},
+        track::GroundTrack,
+    },
+};
 
 const LOG_LINES: usize = 12;
 const FLIGHTS: usize = 8;

@@ -1,12 +1,13 @@
 //! The drone's camera on the page: marked images from shared memory, encoded while the page has a viewer.
 
 use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_transport::images::{ImageSubscriber, ImageTopic};
-use alight_transport::memory::Memory;
+use alight_transport::{
+    images::{ImageSubscriber, ImageTopic},
+    memory::Memory,
+};
 use jpeg_encoder::{ColorType, Encoder};
 
-use crate::view::camera_image::ShownImage;
-use crate::view::view_observer::ViewObserver;
+use crate::view::{camera_image::ShownImage, view_observer::ViewObserver};
 
 const MAX_BYTES: usize = 20_000;
 /// JPEG qualities; the first that yields at most [`MAX_BYTES`] is used, and only noise needs the last.
@@ -66,14 +67,14 @@ fn encode(size: [u32; 2], pixels: &[u8]) -> Option<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::view::server::Served;
-    use alight_computer::process::instance::OwnedInstance;
-    use alight_computer::process::supervisor::pause;
+    use alight_computer::process::{instance::OwnedInstance, supervisor::pause};
     use alight_shared::msg::ComputerReport;
-    use alight_transport::images::ImageHeader;
-    use alight_transport::memory::Services;
-    use std::io::{Read, Write};
-    use std::net::TcpStream;
-    use std::time::Duration;
+    use alight_transport::{images::ImageHeader, memory::Services};
+    use std::{
+        io::{Read, Write},
+        net::TcpStream,
+        time::Duration,
+    };
 
     /// Maximum number of polls, 5 ms each.
     const MAX_POLLS: u32 = 2000;

@@ -1,13 +1,14 @@
 use alight_computer::record::messages::Message;
-use alight_shared::bus::readers;
-use alight_shared::msg::{
-    AutopilotState, Command, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState, MissionState,
-    Plan, RangeSample, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+use alight_shared::{
+    bus::readers,
+    msg::{
+        AutopilotState, Command, ComputerReport, DeckForecast, DeckGrant, DroneState, LinkState,
+        MissionState, Plan, RangeSample, SetPoint, TagPose, UvdarFix, VesselEstimate, WaveModel,
+    },
+    process::ProcessState,
+    time::{DroneClock, Time, TrueTime},
 };
-use alight_shared::process::ProcessState;
-use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::Memory;
+use alight_transport::{clock::steady_ns, memory::Memory};
 
 use crate::view::view_observer::ViewObserver;
 

@@ -1,12 +1,16 @@
 //! Deck, drone and plan on axes that move with the deck, so that a plan that lands ends on it.
 
 use alight_computer::process::snapshot::Snapshot;
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{DeckForecast, DeckStage, Plan};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{DeckForecast, DeckStage, Plan},
+    time::{DroneClock, Span, Time},
+};
 
-use crate::status::compass::mean_velocity;
-use crate::view::picture::{ContactView, DeckPoint, DroneView, SceneView};
+use crate::{
+    status::compass::mean_velocity,
+    view::picture::{ContactView, DeckPoint, DroneView, SceneView},
+};
 
 const PATH_STEP: usize = 2;
 /// Age at which a plan is no longer drawn, s: the vessel has moved away from it.

@@ -2,29 +2,39 @@
 //! single-threaded runtime. It never waits for a viewer: the newest picture replaces the previous one, and a viewer
 //! is sent a picture only after it has read the last.
 
-use std::convert::Infallible;
-use std::net::{IpAddr, SocketAddr};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
-use std::thread::JoinHandle;
-use std::time::Duration;
+use std::{
+    convert::Infallible,
+    net::{IpAddr, SocketAddr},
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+        mpsc::{Receiver, SyncSender, TrySendError, sync_channel},
+    },
+    thread::JoinHandle,
+    time::Duration,
+};
 
 use alight_computer::exit::{CliError, Doing};
 use alight_transport::clock::steady_ns;
-use axum::Router;
-use axum::body::{Body, Bytes};
-use axum::extract::{ConnectInfo, Request, State};
-use axum::http::header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderName, ORIGIN};
-use axum::http::{HeaderMap, StatusCode};
-use axum::middleware::{Next, from_fn};
-use axum::response::{IntoResponse, Response};
-use axum::routing::{get, post};
+use axum::{
+    Router,
+    body::{Body, Bytes},
+    extract::{ConnectInfo, Request, State},
+    http::{
+        HeaderMap, StatusCode,
+        header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderName, ORIGIN},
+    },
+    middleware::{Next, from_fn},
+    response::{IntoResponse, Response},
+    routing::{get, post},
+};
 use foxglove::{Context, WebSocketServer};
 use tokio::sync::{oneshot, watch};
 
-use crate::view::guard::{Guard, ViewerPeer};
-use crate::view::picture::Picture;
+use crate::view::{
+    guard::{Guard, ViewerPeer},
+    picture::Picture,
+};
 
 /// Maximum number of messages queued for a Foxglove viewer; beyond that the oldest are dropped.
 const BACKLOG: usize = 512;

@@ -1,27 +1,36 @@
 //! Observer of steps, which puts messages of the nodes on the board and shows the board to the viewers.
 
-use alight_shared::msg::{ComputerReport, DeckForecast, DroneState};
-use alight_shared::process::ProcessKind;
-use alight_shared::step::Step;
+use alight_shared::{
+    msg::{ComputerReport, DeckForecast, DroneState},
+    process::ProcessKind,
+    step::Step,
+};
 use std::time::Duration;
 
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::playback::{Bodies, Viewer};
-use alight_computer::process::supervisor::pause;
-use alight_computer::record::messages::{Message, each_message};
-use alight_computer::record::observer::StepObserver;
-use alight_computer::record::scenery::Scenery;
-use alight_computer::record::views::Views;
-use alight_computer::terminal::{note, open_browser};
+use alight_computer::{
+    exit::{CliError, Doing},
+    playback::{Bodies, Viewer},
+    process::supervisor::pause,
+    record::{
+        messages::{Message, each_message},
+        observer::StepObserver,
+        scenery::Scenery,
+        views::Views,
+    },
+    terminal::{note, open_browser},
+};
 use alight_shared::time::{Span, Time, TrueTime};
 use alight_transport::clock::steady_ns;
 
-use crate::status::Status;
-use crate::status::go::Go;
-use crate::view::board::Board;
-use crate::view::live_sink::LiveSink;
-use crate::view::picture::Picture;
-use crate::view::server::{Served, Server};
+use crate::{
+    status::{Status, go::Go},
+    view::{
+        board::Board,
+        live_sink::LiveSink,
+        picture::Picture,
+        server::{Served, Server},
+    },
+};
 
 const PICTURE_PERIOD_NS: i64 = 200_000_000;
 /// Maximum pause while a simulated flight is slowed to real time.

@@ -1,25 +1,38 @@
 //! `alight calibrate deck`: measures the deck's position with a drone that stands on it, motors off.
 
-use std::path::{Path, PathBuf};
-use std::time::Duration;
-
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::instance::is_running;
-use alight_computer::quantity::whole;
-use alight_computer::record::log::{Log, ReplayOrder};
-use alight_computer::record::reading::contained;
-use alight_computer::terminal::{self, note};
-use alight_shared::config;
-use alight_shared::msg::{AutopilotState, DroneState, TagPose, VesselEstimate};
-use alight_shared::time::DroneClock;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Subscriber};
-use alight_uav::calibrate::{
-    DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd, replaces,
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
 };
-use alight_uav::mission::MissionIn;
-use alight_uav::predictor::{PredictorConfig, PredictorIn};
+
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::{CliError, Exit},
+    process::instance::is_running,
+    quantity::whole,
+    record::{
+        log::{Log, ReplayOrder},
+        reading::contained,
+    },
+    terminal::{self, note},
+};
+use alight_shared::{
+    config,
+    msg::{AutopilotState, DroneState, TagPose, VesselEstimate},
+    time::DroneClock,
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory, Subscriber},
+};
+use alight_uav::{
+    calibrate::{
+        DeckCalibration, DeckCalibrationResult, DronePlacement, MountCalibration, USABLE_M, ValueWithSd,
+        replaces,
+    },
+    mission::MissionIn,
+    predictor::{PredictorConfig, PredictorIn},
+};
 use clap::Args;
 use serde_json::{Value, json};
 

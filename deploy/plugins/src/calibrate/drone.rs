@@ -1,19 +1,23 @@
 //! `alight calibrate drone`: prints the response of the drone's attitude to set-points, as the pilot identified it in
 //! a flight.
 
-use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::instance::is_running;
-use alight_computer::process::observer::Observer;
-use alight_computer::record::flight::store;
-use alight_computer::record::log::{Log, ReplayOrder};
-use alight_computer::record::reading::contained;
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::msg::AttitudeResponse;
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::{CliError, Exit},
+    process::{instance::is_running, observer::Observer},
+    record::{
+        flight::store,
+        log::{Log, ReplayOrder},
+        reading::contained,
+    },
+    terminal,
+};
+use alight_shared::{config, msg::AttitudeResponse};
 use alight_transport::memory::{Instance, Memory};
 use alight_uav::mission::MissionIn;
 use clap::Args;

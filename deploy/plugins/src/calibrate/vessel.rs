@@ -2,21 +2,29 @@
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::record::log::{Log, ReplayOrder};
-use alight_computer::record::reading::{contained, is_mcap};
-use alight_computer::terminal;
-use alight_shared::config;
-use alight_shared::vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW};
-use alight_usv::calibrate::incline::{inertia, level, stiffness};
-use alight_usv::calibrate::{
-    DOF_NAMES, Decay, DecaySignal, NotObservable, Record, Stiffness, ValueWithSd, VesselCalibration, Weight,
-    identify,
+use alight_computer::{
+    config::VesselComputerConfig,
+    exit::{CliError, Doing, Exit},
+    record::{
+        log::{Log, ReplayOrder},
+        reading::{contained, is_mcap},
+    },
+    terminal,
 };
-use alight_usv::log::table::{CsvTable, Quantity};
-use alight_usv::sensors::Readings;
-use alight_usv::{ComputerIn, VesselNodeConfig};
+use alight_shared::{
+    config,
+    vessel_model::{DOFS, HEAVE, PITCH, ROLL, SURGE, SWAY, YAW},
+};
+use alight_usv::{
+    ComputerIn, VesselNodeConfig,
+    calibrate::{
+        DOF_NAMES, Decay, DecaySignal, NotObservable, Record, Stiffness, ValueWithSd, VesselCalibration,
+        Weight, identify,
+        incline::{inertia, level, stiffness},
+    },
+    log::table::{CsvTable, Quantity},
+    sensors::Readings,
+};
 use clap::Args;
 use serde_json::{Value, json};
 

@@ -1,30 +1,38 @@
-use alight_shared::msg::{Command, CommandKind, ComputerReport};
-use alight_shared::time::{DroneClock, DroneTime};
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory, Publisher};
-use alight_transport::wake::end_requested;
+use alight_shared::{
+    msg::{Command, CommandKind, ComputerReport},
+    time::{DroneClock, DroneTime},
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory, Publisher},
+    wake::end_requested,
+};
 use clap::Args;
 use std::time::Duration;
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::io::wall::wall_ns;
-use alight_computer::process::observer::{Observer, Rejoined};
-use alight_computer::process::supervisor::pause;
-use alight_computer::quantity::whole;
-use alight_computer::situation::configured;
-use alight_computer::subject::{Computer, Subject};
-use alight_computer::terminal;
-
-use crate::ros2::diagnostics::Diagnostics;
-use crate::ros2::fixed;
-use crate::ros2::messages::{
-    DiagnosticArray, Marker, PoseWithCovarianceStamped, RosOdometry, RosTime, TfMessage,
+use alight_computer::{
+    config::DroneComputerConfig,
+    exit::{CliError, Exit},
+    io::wall::wall_ns,
+    process::{
+        observer::{Observer, Rejoined},
+        supervisor::pause,
+    },
+    quantity::whole,
+    situation::configured,
+    subject::{Computer, Subject},
+    terminal,
 };
-use crate::ros2::names::{Distro, MAX_DOMAIN, RosNode};
-use crate::ros2::orders::{Caller, Orders, is_late};
-use crate::ros2::poses::Poses;
-use crate::ros2::session::{Request, RosConnection, RosSession, RosTopic};
+
+use crate::ros2::{
+    diagnostics::Diagnostics,
+    fixed,
+    messages::{DiagnosticArray, Marker, PoseWithCovarianceStamped, RosOdometry, RosTime, TfMessage},
+    names::{Distro, MAX_DOMAIN, RosNode},
+    orders::{Caller, Orders, is_late},
+    poses::Poses,
+    session::{Request, RosConnection, RosSession, RosTopic},
+};
 use alight_people::status::Status;
 
 /// Computer, and address of ROS.

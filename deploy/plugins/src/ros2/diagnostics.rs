@@ -6,8 +6,10 @@
 use std::collections::BTreeSet;
 
 use crate::ros2::messages::{DiagnosticArray, DiagnosticStatus, KeyValue, RosHeader, RosTime, level};
-use alight_people::status::Status;
-use alight_people::status::finding::{Finding, FindingLevel};
+use alight_people::status::{
+    Status,
+    finding::{Finding, FindingLevel},
+};
 
 pub struct Diagnostics {
     node: String,
@@ -107,8 +109,7 @@ impl Diagnostics {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_people::status::StateView;
-    use alight_people::status::finding::FindingTopic;
+    use alight_people::status::{StateView, finding::FindingTopic};
 
     fn status(findings: Vec<Finding>) -> Status {
         Status {

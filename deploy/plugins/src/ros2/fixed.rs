@@ -3,9 +3,9 @@
 
 use alight_shared::geometry::{DeckGeometry, DroneGeometry};
 
-use crate::ros2::frames::{flu, of_camera, still};
-use crate::ros2::messages::{
-    Marker, MarkerContent, RosHeader, RosPose, RosTime, TfMessage, TransformStamped, Vector3,
+use crate::ros2::{
+    frames::{flu, of_camera, still},
+    messages::{Marker, MarkerContent, RosHeader, RosPose, RosTime, TfMessage, TransformStamped, Vector3},
 };
 
 /// Thickness of the drawn deck, m, below the deck's upper surface.

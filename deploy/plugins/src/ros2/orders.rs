@@ -1,12 +1,16 @@
 //! Orders of ROS services for this computer's mission, sent like those of `alight order` and answered by the
 //! mission's state.
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::process::local_command::{answer, give};
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{Command, CommandKind, MissionState};
-use alight_shared::time::{Span, SteadyClock, Time};
-use alight_shared::topics;
+use alight_computer::{
+    config::DroneComputerConfig,
+    process::local_command::{answer, give},
+};
+use alight_shared::{
+    admission::Retransmission,
+    msg::{Command, CommandKind, MissionState},
+    time::{Span, SteadyClock, Time},
+    topics,
+};
 
 pub trait Caller {
     fn reply(self, taken: bool, message: &str);
@@ -117,8 +121,7 @@ impl<C: Caller> Orders<C> {
 mod tests {
     use super::*;
     use alight_shared::msg::{Header, State};
-    use std::cell::RefCell;
-    use std::rc::Rc;
+    use std::{cell::RefCell, rc::Rc};
 
     type Answers = Rc<RefCell<Vec<(&'static str, bool, String)>>>;
     struct Known(&'static str, Answers);

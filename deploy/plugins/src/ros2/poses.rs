@@ -4,14 +4,18 @@
 //! estimate jumps ([`DroneState::datum_offset`]), so it differs from the map frame of other sensors.
 
 use alight_computer::process::snapshot::Snapshot;
-use alight_shared::msg::{DeckForecast, DeckStage, DroneState};
-use alight_shared::time::DroneTime;
+use alight_shared::{
+    msg::{DeckForecast, DeckStage, DroneState},
+    time::DroneTime,
+};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::ros2::frames::{self, BodyVelocity};
-use crate::ros2::messages::{
-    PoseWithCovariance, PoseWithCovarianceStamped, RosHeader, RosOdometry, RosPose, RosTime, TfMessage,
-    TransformStamped, Twist, TwistWithCovariance,
+use crate::ros2::{
+    frames::{self, BodyVelocity},
+    messages::{
+        PoseWithCovariance, PoseWithCovarianceStamped, RosHeader, RosOdometry, RosPose, RosTime, TfMessage,
+        TransformStamped, Twist, TwistWithCovariance,
+    },
 };
 
 #[derive(Default)]
@@ -134,8 +138,7 @@ fn odometry(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::msg::Header as Identity;
-    use alight_shared::time::Time;
+    use alight_shared::{msg::Header as Identity, time::Time};
 
     fn snapshot(drone_ns: i64, deck_ns: i64) -> Snapshot {
         let drone = DroneState {

@@ -1,24 +1,33 @@
 //! Zenoh session of the node: opened with retries, publishing without waiting, with service requests in a bounded
 //! queue.
 
-use std::marker::PhantomData;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
+use std::{
+    marker::PhantomData,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel},
+    },
+};
 
 use alight_computer::io::wall::wall_ns;
 use alight_shared::msg::CommandKind;
-use zenoh::bytes::Encoding;
-use zenoh::liveliness::LivelinessToken;
-use zenoh::pubsub::Publisher;
-use zenoh::qos::CongestionControl;
-use zenoh::query::{Query, Queryable};
-use zenoh::{Wait, config::WhatAmI};
+use zenoh::{
+    Wait,
+    bytes::Encoding,
+    config::WhatAmI,
+    liveliness::LivelinessToken,
+    pubsub::Publisher,
+    qos::CongestionControl,
+    query::{Query, Queryable},
+};
 
-use crate::ros2::cdr;
-use crate::ros2::messages::{RosMessage, TRIGGER, TriggerResponse};
-use crate::ros2::names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns};
-use crate::ros2::orders::Caller;
+use crate::ros2::{
+    cdr,
+    messages::{RosMessage, TRIGGER, TriggerResponse},
+    names::{Endpoint, Entity, RosNode, attachment, gid, response_attachment, sent_ns},
+    orders::Caller,
+};
 
 const RETRY_NS: i64 = 1_000_000_000;
 const LOOK_NS: i64 = 1_000_000_000;

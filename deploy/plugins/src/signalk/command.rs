@@ -1,16 +1,19 @@
 use alight_shared::msg::ComputerReport;
 use std::time::Duration;
 
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::io::runtime;
-use alight_computer::io::web_socket::{SignalKSocket, Subscribe};
-use alight_computer::process::observer::InstanceFollower;
-use alight_computer::situation::configured;
-use alight_computer::subject::Subject;
-use alight_computer::terminal;
-use alight_transport::clock::steady_ns;
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    config::link_url::LinkUrl,
+    exit::{CliError, Exit},
+    io::{
+        runtime,
+        web_socket::{SignalKSocket, Subscribe},
+    },
+    process::observer::InstanceFollower,
+    situation::configured,
+    subject::Subject,
+    terminal,
+};
+use alight_transport::{clock::steady_ns, wake::end_requested};
 use clap::Args;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep};
 
@@ -172,13 +175,19 @@ impl ComputerObserver {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_computer::certificates;
-    use alight_computer::config::VesselComputerConfig;
-    use alight_computer::process::facts::{Facts, Reporter};
-    use alight_computer::process::instance::OwnedInstance;
-    use alight_computer::process::supervisor::pause;
-    use alight_shared::msg::VesselStatus;
-    use alight_shared::process::{ProcessKind, ProcessState};
+    use alight_computer::{
+        certificates,
+        config::VesselComputerConfig,
+        process::{
+            facts::{Facts, Reporter},
+            instance::OwnedInstance,
+            supervisor::pause,
+        },
+    };
+    use alight_shared::{
+        msg::VesselStatus,
+        process::{ProcessKind, ProcessState},
+    };
     use alight_transport::memory::{Memory, Publisher, Services};
 
     #[test]

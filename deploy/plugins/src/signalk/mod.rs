@@ -15,10 +15,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use alight_shared::frames::{DroneNed, Vector};
 use serde_json::{Value, json};
 
-use alight_people::status::Status;
-use alight_people::status::finding::{Finding, FindingLevel};
-use alight_people::status::go::Go;
-use alight_people::status::vessel::{LOST_CONTACT_S, own_go};
+use alight_people::status::{
+    Status,
+    finding::{Finding, FindingLevel},
+    go::Go,
+    vessel::{LOST_CONTACT_S, own_go},
+};
 
 /// Minimum time between updates of a text whose numbers change, ns.
 const TEXT_NS: i64 = 10_000_000_000;
@@ -231,13 +233,16 @@ fn rounded(x: f64, steps: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-    use alight_computer::process::facts::Facts;
-    use alight_computer::process::snapshot::Snapshot;
-    use alight_computer::situation::ObservedSituation;
+    use alight_computer::{
+        config::{DroneComputerConfig, VesselComputerConfig},
+        process::{facts::Facts, snapshot::Snapshot},
+        situation::ObservedSituation,
+    };
     use alight_people::status::finding::FindingTopic;
-    use alight_shared::msg::{AutopilotState, DroneState, DroneStatus, Header, Seq};
-    use alight_shared::time::Time;
+    use alight_shared::{
+        msg::{AutopilotState, DroneState, DroneStatus, Header, Seq},
+        time::Time,
+    };
 
     const S: i64 = 1_000_000_000;
 

@@ -6,15 +6,18 @@
 
 use std::sync::mpsc::{Receiver, sync_channel};
 
-use zenoh::Wait;
-use zenoh::bytes::{Encoding, ZBytes};
-use zenoh::key_expr::KeyExpr;
-use zenoh::query::{Query, Queryable};
+use zenoh::{
+    Wait,
+    bytes::{Encoding, ZBytes},
+    key_expr::KeyExpr,
+    query::{Query, Queryable},
+};
 
-use crate::access::SCHEMA;
-use crate::clock::steady_ns;
-use crate::radio::held::PerSecond;
-use crate::radio::publication::Publication;
+use crate::{
+    access::SCHEMA,
+    clock::steady_ns,
+    radio::{held::PerSecond, publication::Publication},
+};
 use alight_shared::topics::Topic;
 
 /// Maximum number of pending queries; surplus ones get no reply.
@@ -127,8 +130,7 @@ fn reply(query: &Query, key: &str, bytes: ZBytes, encoding: Encoding) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::radio::Urgency;
-    use alight_shared::topics;
+    use alight_shared::{radio::Urgency, topics};
 
     #[test]
     fn schemas_for_many_who_ask() {

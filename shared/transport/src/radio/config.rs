@@ -1,7 +1,6 @@
 //! Configuration of the radio, and the resulting zenoh settings.
 
-use std::fs::File;
-use std::io::Read;
+use std::{fs::File, io::Read};
 
 use serde_json::Value;
 
@@ -410,8 +409,10 @@ fn completed(endpoint: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::config::{Check, Keys};
-    use alight_shared::wire::MAX_WIRE_BYTES;
+    use alight_shared::{
+        config::{Check, Keys},
+        wire::MAX_WIRE_BYTES,
+    };
 
     #[test]
     fn memory_and_sessions_that_peers_may_take() {

@@ -4,9 +4,11 @@
 //! Zenoh's ring (`handlers::RingChannel`, 1.10) counts no drops and serves a whole subscription: one drone
 //! that floods `alight/drone-$*/status` would displace the statuses of all others.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::{Condvar, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
 
 use tokio::sync::Notify;
 

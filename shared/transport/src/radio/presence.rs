@@ -3,12 +3,12 @@
 //! They show which peers are connected. A frozen process keeps its token (measured), so no decision depends
 //! on tokens, only on messages and their ages.
 
-use std::collections::BTreeSet;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    collections::BTreeSet,
+    sync::{Arc, Mutex, PoisonError},
+};
 
-use zenoh::Wait;
-use zenoh::liveliness::LivelinessToken;
-use zenoh::sample::SampleKind;
+use zenoh::{Wait, liveliness::LivelinessToken, sample::SampleKind};
 
 use crate::access;
 use alight_shared::admission::Sender;

@@ -1,12 +1,9 @@
 use std::sync::Arc;
 
-use zenoh::bytes::Encoding;
-use zenoh::qos::Priority;
+use zenoh::{bytes::Encoding, qos::Priority};
 
-use crate::radio::HEADER_BYTES;
-use crate::radio::held::NewestMessage;
-use alight_shared::radio::Urgency;
-use alight_shared::topics::Topic;
+use crate::radio::{HEADER_BYTES, held::NewestMessage};
+use alight_shared::{radio::Urgency, topics::Topic};
 
 pub(super) fn priority(urgency: Urgency) -> Priority {
     match urgency {

@@ -7,14 +7,15 @@
 
 use core::f64::consts::TAU;
 
-use alight_shared::frames::yaw_rotation;
-use alight_shared::mavlink::dialect::EstimatorStatusFlags as Flags;
-use alight_shared::time::{Span, WorldTime};
+use alight_shared::{
+    frames::yaw_rotation,
+    mavlink::dialect::EstimatorStatusFlags as Flags,
+    time::{Span, WorldTime},
+};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::UnitQuaternion;
 
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{physics::streams::Streams, sensors::noise::Noise};
 
 /// Time from the report of the origin to the alignment, s.
 const AFTER_S: [f64; 2] = [0.4, 2.0];

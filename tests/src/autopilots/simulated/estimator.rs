@@ -2,12 +2,15 @@
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use alight_shared::frames::yaw_rotation;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::{frames::yaw_rotation, geometry::GRAVITY};
 
-use crate::physics::drone::noise::{GaussMarkov, normal};
-use crate::physics::drone::{NavigationConfig, PlantState};
-use crate::physics::streams::{Stream, Streams};
+use crate::physics::{
+    drone::{
+        NavigationConfig, PlantState,
+        noise::{GaussMarkov, normal},
+    },
+    streams::{Stream, Streams},
+};
 
 /// Correlation time of the barometer's drift, s.
 const BAROMETER_S: f64 = 600.0;

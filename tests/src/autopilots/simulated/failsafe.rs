@@ -5,14 +5,17 @@
 //! ArduCopter (`events.cpp`, `ekf_check.cpp`, `fence.cpp` of 4.5): a failsafe acts once, when its condition begins, and
 //! disarms on the ground. CRITICAL lasts as long as the condition, even if nothing is done; the fence never sets it.
 
-use alight_shared::mavlink::dialect::MavState;
-use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::{Span, WorldTime};
-use alight_uav::autopilot::message::{MavlinkMessage, severity};
-use alight_uav::autopilot::modes::Firmware;
+use alight_shared::{
+    mavlink::dialect::MavState,
+    msg::{AutopilotMode, LandedState},
+    time::{Span, WorldTime},
+};
+use alight_uav::autopilot::{
+    message::{MavlinkMessage, severity},
+    modes::Firmware,
+};
 
-use super::SimulatedAutopilot;
-use super::modes::mode_number;
+use super::{SimulatedAutopilot, modes::mode_number};
 
 /// Time without measurements of the position after which PX4's estimate is invalid (EKF2_NOAID_TOUT).
 const PX4_RECKONS: Span = Span::from_millis(5000);

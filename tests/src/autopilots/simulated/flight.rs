@@ -5,22 +5,26 @@ mod position_control;
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::frames::yaw_rotation;
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::msg::{AutopilotMode, LandedState};
-use alight_shared::time::{Span, WorldTime};
+use alight_shared::{
+    frames::yaw_rotation,
+    geometry::{DroneGeometry, GRAVITY},
+    msg::{AutopilotMode, LandedState},
+    time::{Span, WorldTime},
+};
 use alight_uav::autopilot::modes::Firmware;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::attitude::{AttitudeSetPoint, RateLoop, rate_set_point};
-use super::estimator::{Estimate, SimulatedErrors};
-use super::failsafe::ALT_HOLD;
-use super::mixer::Mixer;
-use super::modes::{mode_number, own_mission};
-use super::own_mission::OwnFlight;
-use super::reference::{FlightReference, PositionReference};
-use super::shaping::InputShaping;
-use super::spool::{PULSE_OFF_US, Spool};
+use super::{
+    attitude::{AttitudeSetPoint, RateLoop, rate_set_point},
+    estimator::{Estimate, SimulatedErrors},
+    failsafe::ALT_HOLD,
+    mixer::Mixer,
+    modes::{mode_number, own_mission},
+    own_mission::OwnFlight,
+    reference::{FlightReference, PositionReference},
+    shaping::InputShaping,
+    spool::{PULSE_OFF_US, Spool},
+};
 use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, PlantState, RotorFrame};
 
 /// Maximum interval between set-points of a stream, which PX4 requires before OFFBOARD.

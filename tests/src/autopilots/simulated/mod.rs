@@ -26,22 +26,28 @@ mod tests;
 
 use std::collections::{BTreeMap, VecDeque};
 
-use alight_shared::autopilot_parameters::Version;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::mavlink::Signing;
-use alight_shared::mavlink::dialect::MissionState;
-use alight_shared::msg::{AutopilotMode, LandedState, RangeSample};
-use alight_shared::time::{DroneTime, Span, WorldTime};
-use alight_uav::autopilot::message::{Address, CommandLong, MavResult, MavlinkMessage};
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::wire::{Decoder, Encoder};
+use alight_shared::{
+    autopilot_parameters::Version,
+    geodesy::Datum,
+    geometry::DroneGeometry,
+    mavlink::{Signing, dialect::MissionState},
+    msg::{AutopilotMode, LandedState, RangeSample},
+    time::{DroneTime, Span, WorldTime},
+};
+use alight_uav::autopilot::{
+    message::{Address, CommandLong, MavResult, MavlinkMessage},
+    modes::Firmware,
+    wire::{Decoder, Encoder},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::physics::drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState, RotorFrame};
-use crate::physics::streams::Streams;
-use crate::sensors::clocks::ClockModel;
-use crate::sensors::noise::Noise;
+use crate::{
+    physics::{
+        drone::{AutopilotConfig, MAX_ROTORS, NavigationConfig, PlantState, RotorFrame},
+        streams::Streams,
+    },
+    sensors::{clocks::ClockModel, noise::Noise},
+};
 use alignment::Unaligned;
 use estimator::SimulatedEstimator;
 use flight::SimulatedFlight;

@@ -1,22 +1,25 @@
 //! The autopilot's side of MAVLink, as in PX4 and ArduCopter: denials, requested rates, parameters, forced disarm.
 
-use alight_shared::frames::{DroneNed, TrueNed, Vector, yaw_rotation};
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m, fields};
-use alight_shared::msg::LandedState;
-use alight_shared::time::{DroneTime, Span, Time, WorldTime};
-use alight_uav::autopilot::message::{
-    Address, CommandLong, FORCE, MavCmd, MavMessage as M, MavModeFlag, MavResult, MavType, MavlinkMessage,
-    command_ack, narrow, parameter, severity, text, wide,
+use alight_shared::{
+    frames::{DroneNed, TrueNed, Vector, yaw_rotation},
+    geodesy::Datum,
+    mavlink::{EKF_STATUS_REPORT, MessageData as _, dialect as m, fields},
+    msg::LandedState,
+    time::{DroneTime, Span, Time, WorldTime},
 };
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_uav::autopilot::{
+    message::{
+        Address, CommandLong, FORCE, MavCmd, MavMessage as M, MavModeFlag, MavResult, MavType,
+        MavlinkMessage, command_ack, narrow, parameter, severity, text, wide,
+    },
+    modes::{Firmware, px4_mode},
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::alignment::flags;
-use super::defaults::is_integer;
-use super::modes::own_mission;
-use super::reference::FlightReference;
-use super::{MAX_COMMANDS, SimulatedAutopilot};
+use super::{
+    MAX_COMMANDS, SimulatedAutopilot, alignment::flags, defaults::is_integer, modes::own_mission,
+    reference::FlightReference,
+};
 
 /// Voltage of an empty four-cell battery, and the increase to a full one, V.
 const EMPTY_V: f64 = 14.0;

@@ -1,19 +1,22 @@
 //! Flights of the simulated autopilot: control, failsafes, differences between the firmwares.
 
-use alight_shared::frames::{Deck, Point, wxyz};
-use alight_shared::geometry::{DeckGeometry, GRAVITY};
-use alight_shared::mavlink::dialect::MavState;
-use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_shared::msg::{LandedState, Seq};
-use alight_shared::time::Time;
+use alight_shared::{
+    frames::{Deck, Point, wxyz},
+    geometry::{DeckGeometry, GRAVITY},
+    mavlink::{MessageData as _, dialect as m, dialect::MavState},
+    msg::{LandedState, Seq},
+    time::Time,
+};
 use alight_uav::autopilot::message::{
     AttitudeThrustTarget, FORCE, MavCmd, MavMessage, MavResult, PositionTarget,
 };
 use proptest::prelude::*;
 
 use super::*;
-use crate::physics::body::RigidState;
-use crate::physics::drone::{DroneConfig, DroneStart, Impact, LossAction, SimulatedDrone};
+use crate::physics::{
+    body::RigidState,
+    drone::{DroneConfig, DroneStart, Impact, LossAction, SimulatedDrone},
+};
 
 const TICK: Span = Span::from_millis(10);
 const DT: f64 = 0.01;

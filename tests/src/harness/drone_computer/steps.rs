@@ -3,30 +3,38 @@
 use core::mem::swap;
 
 use super::{MAX_WAITING, Moment, SimulatedDroneComputer, Uplink, due};
-use crate::autopilots::simulated::mode_number;
-use crate::baselines::own::OwnReport;
-use crate::harness::bus::LockStep;
-use crate::harness::edge::edge;
-use crate::harness::foresight::{Foresight, OdometryError};
-use crate::harness::observer::WorldObserver;
-use crate::harness::physics::Physics;
-use crate::sensors::beacon::BEACON;
-use crate::sensors::delay::DelayLine;
+use crate::{
+    autopilots::simulated::mode_number,
+    baselines::own::OwnReport,
+    harness::{
+        bus::LockStep,
+        edge::edge,
+        foresight::{Foresight, OdometryError},
+        observer::WorldObserver,
+        physics::Physics,
+    },
+    sensors::{beacon::BEACON, delay::DelayLine},
+};
 use alight_bridge::{Bridge, BridgeIn, BridgeOut, Packet};
-use alight_shared::bus::{Bus, Edge, Row, Writer as _};
-use alight_shared::msg::{AutopilotMode, Plan};
-use alight_shared::node::Node;
-use alight_shared::process::ProcessKind;
-use alight_shared::time::{DroneClock, Span, Stamped, WorldTime};
-use alight_shared::topics::TIME_REQUEST;
-use alight_shared::wire;
-use alight_uav::autopilot::message::{Address, MavlinkFrame, MavlinkMessage};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotOut};
-use alight_uav::camera::CameraNode;
-use alight_uav::camera::uvdar::UvdarNode;
-use alight_uav::computer::Installed;
-use alight_uav::planner::{Planner, PlannerIn, PlannerOut, PlannerPorts};
-use alight_uav::predictor::{Predictor, PredictorIn, PredictorOut};
+use alight_shared::{
+    bus::{Bus, Edge, Row, Writer as _},
+    msg::{AutopilotMode, Plan},
+    node::Node,
+    process::ProcessKind,
+    time::{DroneClock, Span, Stamped, WorldTime},
+    topics::TIME_REQUEST,
+    wire,
+};
+use alight_uav::{
+    autopilot::{
+        AutopilotIn, AutopilotLink, AutopilotOut,
+        message::{Address, MavlinkFrame, MavlinkMessage},
+    },
+    camera::{CameraNode, uvdar::UvdarNode},
+    computer::Installed,
+    planner::{Planner, PlannerIn, PlannerOut, PlannerPorts},
+    predictor::{Predictor, PredictorIn, PredictorOut},
+};
 
 struct SolveTime<'a> {
     now: WorldTime,

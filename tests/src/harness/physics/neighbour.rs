@@ -1,17 +1,23 @@
 //! A second boat with the same tags, moored alongside. It moves with the vessel, and rolls and pitches in the
 //! waves at its own position.
 
-use alight_shared::frames::{Deck, Point, TrueNed, Vector};
-use alight_shared::time::{Span, WorldTime};
+use alight_shared::{
+    frames::{Deck, Point, TrueNed, Vector},
+    time::{Span, WorldTime},
+};
 use nalgebra::Vector2;
 
-use crate::harness::scenario::{Scenario, SetupError};
-use crate::physics::body::RigidState;
-use crate::physics::deck_motion::DeckCarrier;
-use crate::physics::sea::Sea;
-use crate::physics::streams::Streams;
-use crate::physics::vessel::response::{HullFiles, ResponseVessel};
-use crate::sensors::noise::Noise;
+use crate::{
+    harness::scenario::{Scenario, SetupError},
+    physics::{
+        body::RigidState,
+        deck_motion::DeckCarrier,
+        sea::Sea,
+        streams::Streams,
+        vessel::response::{HullFiles, ResponseVessel},
+    },
+    sensors::noise::Noise,
+};
 
 pub(super) struct Neighbour {
     carrier: DeckCarrier,

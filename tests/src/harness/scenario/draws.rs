@@ -7,8 +7,7 @@
 use alight_shared::config;
 
 use super::{NodeConfigs, Scenario};
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{physics::streams::Streams, sensors::noise::Noise};
 
 config! {
     /// Differences between the simulated world and the nodes' configurations.

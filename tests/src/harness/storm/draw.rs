@@ -1,15 +1,17 @@
 //! Draws a storm. The seed enables or disables each kind of fault (swarm testing); faults begin in the most
 //! eventful states of the flight.
 
-use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_shared::msg::State;
+use alight_shared::{
+    mavlink::{MessageData as _, dialect as m},
+    msg::State,
+};
 use alight_uav::autopilot::modes::Firmware;
 
-use super::plan::PlannedPhase;
-use super::{Fault, FaultKind, FlightKind, MAX_FAULTS, Moment, Storm, kinds};
-use crate::physics::streams::Streams;
-use crate::physics::vessel::VesselCourse;
-use crate::sensors::noise::Noise;
+use super::{Fault, FaultKind, FlightKind, MAX_FAULTS, Moment, Storm, kinds, plan::PlannedPhase};
+use crate::{
+    physics::{streams::Streams, vessel::VesselCourse},
+    sensors::noise::Noise,
+};
 
 /// Cumulative percentages of faults that begin at the first entry of their state, and at the second.
 const ENTRIES: [f64; 2] = [85.0, 95.0];

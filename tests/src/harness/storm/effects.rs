@@ -1,16 +1,18 @@
-use alight_shared::msg::{AutopilotMode, CommandKind, DeckOrder, LandedState};
-use alight_shared::process::ProcessKind;
-use alight_shared::time::Span;
+use alight_shared::{
+    msg::{AutopilotMode, CommandKind, DeckOrder, LandedState},
+    process::ProcessKind,
+    time::Span,
+};
 use alight_uav::autopilot::message::MavResult;
 use alight_usv::deck::DeckInputs;
 use nalgebra::Vector3;
 
 use super::kinds::{FaultKind, each_kind};
-use crate::autopilots::simulated::{SimulatedAutopilot, mode_number};
-use crate::harness::failing::Failing;
-use crate::harness::rig::Rig;
-use crate::harness::world::Checkpoints;
-use crate::radio::ChannelFault;
+use crate::{
+    autopilots::simulated::{SimulatedAutopilot, mode_number},
+    harness::{failing::Failing, rig::Rig, world::Checkpoints},
+    radio::ChannelFault,
+};
 
 /// Effect of a fault on the world, as a function of its size.
 #[derive(Clone, Copy, Debug)]

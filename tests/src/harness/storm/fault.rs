@@ -1,15 +1,20 @@
 //! One fault: kind, start, duration and permitted sizes. This module does not depend on the world, because
 //! scenarios also contain faults.
 
-use alight_shared::config::{ConfigError, Keys};
-use alight_shared::msg::State;
-use serde::de::IntoDeserializer as _;
-use serde::de::value::{Error, StrDeserializer};
-use serde::{Deserialize, Serialize};
+use alight_shared::{
+    config::{ConfigError, Keys},
+    msg::State,
+};
+use serde::{
+    Deserialize, Serialize,
+    de::{
+        IntoDeserializer as _,
+        value::{Error, StrDeserializer},
+    },
+};
 
 use super::kinds::FaultKind;
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{physics::streams::Streams, sensors::noise::Noise};
 
 /// Maximum delay after entry to the state, and maximum duration of a fault in a storm, s.
 pub(super) const MAX_S: f64 = 60.0;

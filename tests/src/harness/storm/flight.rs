@@ -3,20 +3,26 @@
 use alight_shared::msg::{ReasonCode, State};
 use serde::Serialize;
 
-use super::kinds::Takes;
-use super::people::People;
-use super::schedule::{Schedule, Scheduled};
-use super::watch::{
-    RESUME_S, SPENT_OF_RESERVE, StormEnding, StormRule, StormScene, StormWatch, Violation, end, goes_on,
-    is_stuck, is_unreported, no_last_resort,
+use super::{
+    FaultKind, FlightKind, Mutant, Storm,
+    kinds::Takes,
+    people::People,
+    schedule::{Schedule, Scheduled},
+    watch::{
+        RESUME_S, SPENT_OF_RESERVE, StormEnding, StormRule, StormScene, StormWatch, Violation, end, goes_on,
+        is_stuck, is_unreported, no_last_resort,
+    },
 };
-use super::{FaultKind, FlightKind, Mutant, Storm};
-use crate::autopilots::simulated::{Installed, SimulatedAutopilot, warned_by_default};
-use crate::harness::failing::Failing;
-use crate::harness::observer::{NoObserver, WorldObserver};
-use crate::harness::outcome::{FALSE_STOP_M, REST_S};
-use crate::harness::rig::Rig;
-use crate::harness::scenario::SetupError;
+use crate::{
+    autopilots::simulated::{Installed, SimulatedAutopilot, warned_by_default},
+    harness::{
+        failing::Failing,
+        observer::{NoObserver, WorldObserver},
+        outcome::{FALSE_STOP_M, REST_S},
+        rig::Rig,
+        scenario::SetupError,
+    },
+};
 
 /// Time after the end of a fault for which it counts as simultaneous with others, s.
 const TOGETHER_S: f64 = 5.0;

@@ -15,17 +15,20 @@ mod schedule;
 mod shrink;
 pub mod watch;
 
-use alight_shared::autopilot_parameters::Version;
-use alight_shared::config::{self, ConfigError, Keys};
+use alight_shared::{
+    autopilot_parameters::Version,
+    config::{self, ConfigError, Keys},
+};
 use alight_uav::autopilot::modes::Firmware;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::scenario::{NodeConfigs, Scenario};
-use crate::physics::sea::SeaConfig;
-use crate::physics::vessel::VesselCourse;
-use crate::sensors::moving_base::MovingBaseConfig;
-use crate::studies::aborts::drive;
+use crate::{
+    physics::{sea::SeaConfig, vessel::VesselCourse},
+    sensors::moving_base::MovingBaseConfig,
+    studies::aborts::drive,
+};
 
 pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};

@@ -7,9 +7,10 @@ use alight_uav::autopilot::message::{Address, CommandLong, MavCmd};
 use nalgebra::Vector3;
 
 use super::{FaultKind, FlightKind};
-use crate::autopilots::simulated::{SimulatedAutopilot, own_mission_mode};
-use crate::harness::outcome::FALSE_STOP_M;
-use crate::harness::rig::Rig;
+use crate::{
+    autopilots::simulated::{SimulatedAutopilot, own_mission_mode},
+    harness::{outcome::FALSE_STOP_M, rig::Rig},
+};
 
 /// Time from the crew's clearance of the deck to the order to take off, s.
 const CLEARED_S: f64 = 1.0;

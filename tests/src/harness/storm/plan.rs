@@ -3,8 +3,10 @@
 use alight_shared::msg::{State, VesselLevel};
 use serde::{Deserialize, Serialize};
 
-use crate::harness::scenario::{NodeConfigs, Scenario};
-use crate::sensors::beacon::BeaconConfig;
+use crate::{
+    harness::scenario::{NodeConfigs, Scenario},
+    sensors::beacon::BeaconConfig,
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]

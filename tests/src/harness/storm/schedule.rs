@@ -1,7 +1,5 @@
-use super::effects::Effect;
-use super::fault::Fault;
-use crate::harness::failing::Failing;
-use crate::harness::rig::Rig;
+use super::{effects::Effect, fault::Fault};
+use crate::harness::{failing::Failing, rig::Rig};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FaultTurn {

@@ -1,7 +1,6 @@
 //! Finds the shortest list that still breaks the same rule by omitting faults, then halving sizes and durations.
 
-use super::Storm;
-use super::watch::StormRule;
+use super::{Storm, watch::StormRule};
 
 const MAX_TRIES: usize = 80;
 const HALVINGS: usize = 4;
@@ -64,8 +63,7 @@ fn half(v: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::FaultKind;
-    use super::*;
+    use super::{super::FaultKind, *};
 
     #[test]
     fn shrunk_list_of_the_fault_that_matters() {

@@ -7,9 +7,13 @@ use alight_shared::msg::{BatteryPlace, ReasonCode, SetPoint, State};
 use serde::Serialize;
 
 use super::FlightKind;
-use crate::autopilots::simulated::SimulatedAutopilot;
-use crate::harness::outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS};
-use crate::harness::rig::Rig;
+use crate::{
+    autopilots::simulated::SimulatedAutopilot,
+    harness::{
+        outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS},
+        rig::Rig,
+    },
+};
 
 /// Maximum time from the end of a command fault to the next set-point, s.
 pub const RESUME_S: f64 = 1.5;

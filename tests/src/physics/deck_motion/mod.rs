@@ -21,22 +21,27 @@ pub mod rocking;
 use core::f64::consts::TAU;
 use std::path::PathBuf;
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, Point, Rotation, Vector, VesselBody};
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::time::{Span, Time, WorldTime};
+use alight_shared::{
+    config,
+    frames::{Deck, Point, Rotation, Vector, VesselBody},
+    geometry::DeckGeometry,
+    time::{Span, Time, WorldTime},
+};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 
-use self::recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY};
 pub use self::recording::{DeckMotionError, Recording};
-use self::rocking::{Rocking, RockingConfig};
-use crate::physics::body::{RigidState, body_motion};
-use crate::physics::sea::Sea;
-use crate::physics::spline::{Jet, Splines, smooth_step};
-use crate::physics::streams::Streams;
-use crate::physics::vessel::response::ResponseVessel;
-use crate::physics::vessel::{Vessel, VesselConfig};
+use self::{
+    recording::{CHANNELS, HEADING, HEAVE, PITCH, ROLL, SURGE, SWAY},
+    rocking::{Rocking, RockingConfig},
+};
+use crate::physics::{
+    body::{RigidState, body_motion},
+    sea::Sea,
+    spline::{Jet, Splines, smooth_step},
+    streams::Streams,
+    vessel::{Vessel, VesselConfig, response::ResponseVessel},
+};
 
 const BLEND_S: f64 = 5.0;
 /// Step of the sea's numerical derivatives, s. Error (w h)²/6: below 1e-3 for waves longer than 2 s.

@@ -10,8 +10,7 @@ use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::recording::{CHANNELS, HEADING, PITCH, ROLL};
-use crate::physics::spline::Jet;
-use crate::physics::streams::Streams;
+use crate::physics::{spline::Jet, streams::Streams};
 
 const PITCH_FREQUENCY: f64 = 0.8;
 

@@ -4,8 +4,10 @@ use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 
-use super::config::AirframeConfig;
-use super::frame::{MAX_ROTORS, RotorFrame};
+use super::{
+    config::AirframeConfig,
+    frame::{MAX_ROTORS, RotorFrame},
+};
 use crate::physics::streams::Streams;
 
 /// State of the centre of mass in double precision, NED and FRD, SI units.

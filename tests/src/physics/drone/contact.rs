@@ -4,16 +4,20 @@
 //! in which a contact carries an impulse or the deck holds a foot. Rapier's frame has its origin at the deck's centre
 //! and translates with it during a sub-step, so that the deck only rotates and single precision resolves micrometres.
 
-use alight_shared::frames::{Deck, Point};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
+use alight_shared::{
+    frames::{Deck, Point},
+    geometry::{DeckGeometry, DroneGeometry},
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rapier3d::prelude::{
     ColliderBuilder, ColliderHandle, FrictionModel, MassProperties, PhysicsWorld, RigidBodyBuilder,
     RigidBodyHandle,
 };
 
-use super::airframe::{Airframe, AirframeMotion};
-use super::config::ContactConfig;
+use super::{
+    airframe::{Airframe, AirframeMotion},
+    config::ContactConfig,
+};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {

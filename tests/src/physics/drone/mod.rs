@@ -14,15 +14,16 @@ mod wind;
 #[cfg(test)]
 mod tests;
 
-use alight_shared::frames::{Deck, DroneBody, Point, Rotation, Vector, yaw_rotation};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::msg::Seq;
-use alight_shared::surroundings::{KeepOut, MAX_KEEP_OUT};
-use alight_shared::time::{Span, WorldTime};
+use alight_shared::{
+    frames::{Deck, DroneBody, Point, Rotation, Vector, yaw_rotation},
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    msg::Seq,
+    surroundings::{KeepOut, MAX_KEEP_OUT},
+    time::{Span, WorldTime},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use crate::physics::{body::RigidState, streams::Streams};
 use airframe::{Airframe, AirframeMotion};
 use contact::{DeckSpan, GearContact};
 use wind::{OverDeck, SimulatedWind};

@@ -1,6 +1,8 @@
-use alight_shared::frames::{Deck, Point, Rotation, Vector};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::time::Time;
+use alight_shared::{
+    frames::{Deck, Point, Rotation, Vector},
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    time::Time,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;

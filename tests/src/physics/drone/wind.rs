@@ -1,14 +1,15 @@
 //! Wind over the water: a mean that decreases towards the surface, Dryden gusts, and the vessel's effect on
 //! both above the deck.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::surroundings::KeepOut;
+use alight_shared::{geometry::GRAVITY, surroundings::KeepOut};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 
-use super::config::WindConfig;
-use super::noise::normal;
-use super::over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch};
+use super::{
+    config::WindConfig,
+    noise::normal,
+    over_deck::{BodyWake, VISCOSITY, boundary_layer, fetch},
+};
 use crate::physics::streams::{Stream, Streams};
 
 const FOOT_M: f64 = 0.3048;

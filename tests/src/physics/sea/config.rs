@@ -1,11 +1,12 @@
 //! Kinds of sea: the paper's three components, irregular with a spectrum, or calm.
 
-use core::f64::consts::TAU;
-use core::str::FromStr;
+use core::{f64::consts::TAU, str::FromStr};
 
-use alight_shared::config;
-use alight_shared::config::{Check, Keys};
-use alight_shared::geometry::GRAVITY;
+use alight_shared::{
+    config,
+    config::{Check, Keys},
+    geometry::GRAVITY,
+};
 use serde::{Deserialize, Serialize};
 
 pub const MAX_COMPONENTS: usize = 64;

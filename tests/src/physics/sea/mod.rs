@@ -19,9 +19,11 @@ mod trig;
 
 use core::f64::consts::TAU;
 
-use alight_shared::frames::{TrueNed, Vector};
-use alight_shared::geometry::GRAVITY;
-use alight_shared::time::WorldTime;
+use alight_shared::{
+    frames::{TrueNed, Vector},
+    geometry::GRAVITY,
+    time::WorldTime,
+};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 

@@ -5,8 +5,10 @@ use core::f64::consts::FRAC_PI_2;
 use alight_shared::frames::wrap_angle;
 use nalgebra::{Vector2, Vector3, Vector6};
 
-use super::config::{VesselConfig, VesselCourse};
-use super::path::{MeanPath, PathPoint};
+use super::{
+    config::{VesselConfig, VesselCourse},
+    path::{MeanPath, PathPoint},
+};
 use crate::physics::streams::Streams;
 
 #[derive(Clone, Debug)]

@@ -21,20 +21,26 @@ pub mod rigid;
 
 use core::f64::consts::TAU;
 
-use alight_shared::frames::{Point, Rotation, TrueNed, Vector, VesselBody};
-use alight_shared::geometry::GRAVITY;
-use alight_shared::time::{Span, Time, WorldTime};
+use alight_shared::{
+    frames::{Point, Rotation, TrueNed, Vector, VesselBody},
+    geometry::GRAVITY,
+    time::{Span, Time, WorldTime},
+};
 use nalgebra::{Matrix6, Quaternion, UnitQuaternion, Vector2, Vector3, Vector6};
 use rand::RngExt;
 
 pub use config::{VesselConfig, VesselCourse, VesselLoad};
 
-use self::helm::Helm;
-use self::hull::{Hull, segment};
-use self::rigid::{coriolis, head, join, rigid_body_mass, tail};
-use crate::physics::body::RigidState;
-use crate::physics::sea::{Sea, WATER_DENSITY, WaterSample};
-use crate::physics::streams::Streams;
+use self::{
+    helm::Helm,
+    hull::{Hull, segment},
+    rigid::{coriolis, head, join, rigid_body_mass, tail},
+};
+use crate::physics::{
+    body::RigidState,
+    sea::{Sea, WATER_DENSITY, WaterSample},
+    streams::Streams,
+};
 
 /// Bounds of speed (m/s) and rate (rad/s) that protect the integrator; no permitted sea causes such motion.
 const MAX_SPEED: f64 = 30.0;

@@ -7,8 +7,7 @@ use nalgebra::Vector2;
 use rand::RngExt;
 
 use super::config::{VesselConfig, VesselCourse};
-use crate::physics::spline::smooth_step;
-use crate::physics::streams::Streams;
+use crate::physics::{spline::smooth_step, streams::Streams};
 
 /// Duration of a turn by 90 deg, s; the duration is proportional to the angle. Chosen: 11 deg/s, at which a
 /// small boat does not heel.

@@ -1,6 +1,5 @@
 use super::*;
-use crate::physics::streams::Streams;
-use crate::radio::Direction;
+use crate::{physics::streams::Streams, radio::Direction};
 use alight_shared::time::Time;
 
 fn run(config: &SimulatedRadioConfig, seed: u64, n: usize, bytes: usize) -> (Vec<(usize, f64)>, u64) {

@@ -5,10 +5,10 @@ use alight_uav::autopilot::AutopilotLinkConfig;
 use alight_usv::sensors::{Format, Mount, Readings, SourceConfig};
 
 use super::{BoatSensor, Carries, StatedErrors};
-use crate::harness::physics::TICK;
-use crate::sensors::SensorConfig;
-use crate::sensors::beacon::BEACON;
-use crate::sensors::clocks::ClockModel;
+use crate::{
+    harness::physics::TICK,
+    sensors::{SensorConfig, beacon::BEACON, clocks::ClockModel},
+};
 
 /// Devices on each vessel: receiver, compass, IMU.
 pub const DEVICES: usize = 3;

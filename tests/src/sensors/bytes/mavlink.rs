@@ -3,8 +3,10 @@
 
 use core::f64::consts::TAU;
 
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::{MavlinkSender, Outgoing, encode};
+use alight_shared::{
+    geodesy::Datum,
+    mavlink::{MavlinkSender, Outgoing, encode},
+};
 
 use super::{StatedErrors, put};
 

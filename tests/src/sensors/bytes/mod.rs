@@ -16,9 +16,11 @@ pub mod ubx;
 #[cfg(test)]
 mod recordings;
 
-use alight_shared::frames::{TrueNed, Vector};
-use alight_shared::geoid::LocalGeoid;
-use alight_shared::msg::{GnssFix, HeadingFix, ImuSample};
+use alight_shared::{
+    frames::{TrueNed, Vector},
+    geoid::LocalGeoid,
+    msg::{GnssFix, HeadingFix, ImuSample},
+};
 use alight_usv::sensors::{Format, Mount, Readings, SourceConfig};
 use nalgebra::{Rotation3, Vector3};
 

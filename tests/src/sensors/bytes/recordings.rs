@@ -3,14 +3,18 @@
 
 use std::path::Path;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD, VesselEstimate};
-use alight_shared::node::Node;
-use alight_shared::time::{Span, Time, VesselClock};
-use alight_usv::sensors::{
-    Measurement, Mount, Mounting, N2kDecoder, Readings, SensorDecoder, SignalKDecoder, SourceMeasurement,
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{AttitudeFix, GnssFix, Header, HeadingFix, NOT_MEASURED_SD, VesselEstimate},
+    node::Node,
+    time::{Span, Time, VesselClock},
 };
-use alight_usv::{VesselNode, VesselNodeConfig};
+use alight_usv::{
+    VesselNode, VesselNodeConfig,
+    sensors::{
+        Measurement, Mount, Mounting, N2kDecoder, Readings, SensorDecoder, SignalKDecoder, SourceMeasurement,
+    },
+};
 
 use super::{n2k, signalk};
 

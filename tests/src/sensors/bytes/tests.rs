@@ -1,6 +1,8 @@
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::Header;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    geodesy::Datum,
+    msg::Header,
+    time::{Time, VesselClock},
+};
 use alight_usv::sensors::{Measurement, Mounting, SourceMeasurement};
 use proptest::prelude::*;
 

@@ -3,8 +3,7 @@
 
 use core::f64::consts::TAU;
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::CarrierSolution;
+use alight_shared::{geodesy::Datum, msg::CarrierSolution};
 
 use super::{StatedErrors, put};
 

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::sensors::clocks::ClockModel;
-use alight_shared::estimation::moments;
-use alight_shared::frames::{Point, Rotation};
+use alight_shared::{
+    estimation::moments,
+    frames::{Point, Rotation},
+};
 use alight_uav::autopilot::receiver::{ReceiverDecoder, RelativeReport};
 
 const RADIO_S: f64 = 0.05;

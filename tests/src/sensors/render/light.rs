@@ -4,10 +4,14 @@ use alight_uav::camera::metering::Setting;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::super::camera::CameraMotion;
-use super::super::night::{NightConfig, veil};
-use super::rays::Ray;
-use super::{DRAWS, DeckInCamera, RenderConfig, Renderer, Shot};
+use super::{
+    super::{
+        camera::CameraMotion,
+        night::{NightConfig, veil},
+    },
+    DRAWS, DeckInCamera, RenderConfig, Renderer, Shot,
+    rays::Ray,
+};
 
 /// Side of the pixel squares between which scatter is computed, px.
 const SQUARE_PX: usize = 16;

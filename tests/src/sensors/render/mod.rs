@@ -8,21 +8,23 @@ mod plane;
 mod rays;
 pub mod ultraviolet;
 
-use alight_shared::config;
-use alight_shared::frames::{Deck, TrueNed, Vector};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::time::{DroneClock, Time, TrueTime};
-use alight_uav::camera::metering::Setting;
-use alight_uav::camera::{GreyImage, Lens};
+use alight_shared::{
+    config,
+    frames::{Deck, TrueNed, Vector},
+    geometry::{DeckGeometry, DroneGeometry},
+    time::{DroneClock, Time, TrueTime},
+};
+use alight_uav::camera::{GreyImage, Lens, metering::Setting};
 use rayon::prelude::*;
 
-use super::camera::{CameraMotion, CameraMount};
-use super::clocks::ClockModel;
-use super::night::NightConfig;
-use super::noise::{Noise, SampleSchedule};
-use super::occlusion::{Occlusion, Shadow};
-use crate::physics::body::RigidState;
-use crate::physics::streams::Streams;
+use super::{
+    camera::{CameraMotion, CameraMount},
+    clocks::ClockModel,
+    night::NightConfig,
+    noise::{Noise, SampleSchedule},
+    occlusion::{Occlusion, Shadow},
+};
+use crate::physics::{body::RigidState, streams::Streams};
 use light::{Glare, Sensor};
 use paint::{DeckPaint, Paint, Patch, SeaPaint, SeaScene};
 use plane::{DeckInCamera, ToDeck};

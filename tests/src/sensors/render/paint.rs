@@ -1,14 +1,20 @@
 //! Reflectance of the deck's paint, its tags and the sea. Light is a fraction of the light from a white surface.
 
-use alight_shared::frames::{TrueNed, Vector};
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::tags::{DeckTag, MARGIN};
+use alight_shared::{
+    frames::{TrueNed, Vector},
+    geometry::DeckGeometry,
+    tags::{DeckTag, MARGIN},
+};
 use alight_uav::camera::layout::{CELLS, cells};
 use nalgebra::{Matrix3, Vector3};
 
-use super::super::camera::CameraMotion;
-use super::super::night::{NightConfig, TAG};
-use super::rays::Ray;
+use super::{
+    super::{
+        camera::CameraMotion,
+        night::{NightConfig, TAG},
+    },
+    rays::Ray,
+};
 use crate::sensors::noise::Noise;
 
 /// Minimum side of a cell that the detector can decode, px.

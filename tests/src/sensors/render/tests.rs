@@ -1,9 +1,10 @@
 //! Detection by the camera node in rendered images.
 
-use alight_shared::frames::{Camera, DroneBody, Point, Rotation};
-use alight_shared::msg::TagPose;
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::camera::{CameraNode, CameraSettings};
+use alight_shared::{
+    frames::{Camera, DroneBody, Point, Rotation},
+    msg::TagPose,
+};
+use alight_uav::camera::{CameraNode, CameraSettings, node::CameraIdentity};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::*;

@@ -1,13 +1,13 @@
 //! Images of the ultraviolet camera: dark except for the deck's blinking markers and glints on the water.
 
-use alight_uav::camera::GreyImage;
-use alight_uav::camera::uvdar::UvdarSettings;
-use alight_uav::camera::uvdar::blink::Code;
+use alight_uav::camera::{
+    GreyImage,
+    uvdar::{UvdarSettings, blink::Code},
+};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 
 use super::Shot;
-use crate::physics::streams::Streams;
-use crate::sensors::noise::Noise;
+use crate::{physics::streams::Streams, sensors::noise::Noise};
 
 /// Light of a marker at 1 m, grey levels times pixels. Chosen: above the detection threshold up to 35 m.
 const LIGHT: f64 = 6e5;

@@ -1,6 +1,5 @@
 use super::*;
-use alight_shared::frames::Camera;
-use alight_shared::msg::Message;
+use alight_shared::{frames::Camera, msg::Message};
 use nalgebra::{Quaternion, UnitQuaternion};
 
 /// Level deck at the origin, 1.3 m above the water.

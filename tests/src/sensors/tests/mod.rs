@@ -6,8 +6,10 @@ mod uvdar;
 mod vessel;
 
 use super::*;
-use alight_shared::estimation::moments;
-use alight_shared::frames::{Point, Rotation, TrueNed, Vector, body_rates};
+use alight_shared::{
+    estimation::moments,
+    frames::{Point, Rotation, TrueNed, Vector, body_rates},
+};
 
 fn tick(k: usize) -> Time<TrueTime> {
     Time::from_nanos(k as i64 * 10_000_000)

@@ -1,16 +1,17 @@
 //! The belly camera at night: the detector on rendered images compared with the measurement model.
 
-use alight_uav::camera::TagSettings;
-use alight_uav::camera::detector::TagDetector;
+use alight_uav::camera::{TagSettings, detector::TagDetector};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 
 use super::*;
-use crate::sensors::camera::CameraMotion;
-use crate::sensors::night::NightConfig;
-use crate::sensors::noise::Noise;
-use crate::sensors::render::{Renderer, Shot};
-use crate::sensors::square_pose::corners;
-use crate::sensors::tag::SimulatedTagDetector;
+use crate::sensors::{
+    camera::CameraMotion,
+    night::NightConfig,
+    noise::Noise,
+    render::{Renderer, Shot},
+    square_pose::corners,
+    tag::SimulatedTagDetector,
+};
 
 const IMAGES: usize = 30;
 

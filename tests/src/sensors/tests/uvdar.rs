@@ -2,15 +2,18 @@
 
 use core::f64::consts::TAU;
 
-use alight_uav::camera::node::CameraIdentity;
-use alight_uav::camera::uvdar::{UvdarNode, UvdarSettings};
+use alight_uav::camera::{
+    node::CameraIdentity,
+    uvdar::{UvdarNode, UvdarSettings},
+};
 
 use super::*;
-use crate::sensors::camera::{CameraMount, body_from_camera};
-use crate::sensors::noise::Noise;
-use crate::sensors::render::Shot;
-use crate::sensors::render::ultraviolet::Ultraviolet;
-use crate::sensors::uvdar::UvdarConfig;
+use crate::sensors::{
+    camera::{CameraMount, body_from_camera},
+    noise::Noise,
+    render::{Shot, ultraviolet::Ultraviolet},
+    uvdar::UvdarConfig,
+};
 
 const RANGE_M: f64 = 12.0;
 /// Images per flight. The first images, in which the codes are still unknown, do not count.

@@ -1,19 +1,24 @@
 //! Arbitrary input causes no panic and no unbounded memory use.
 
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::mavlink::dialect as m;
-use alight_shared::mavlink::{MavlinkSender, Message as _, Outgoing, encode};
-use alight_shared::node::Node;
-use alight_shared::time::Time;
-use alight_shared::wire::{decode_record, encode_record};
-use alight_uav::autopilot::message::{
-    Address, CommandLong, HilGps, MavCmd, MavMessage, MavModeFlag, MavResult, MavType, MavlinkFrame,
-    MavlinkMessage, ParameterValue, chars, command_ack, heartbeat, narrow, parameter,
+use alight_shared::{
+    geometry::DroneGeometry,
+    mavlink::{MavlinkSender, Message as _, Outgoing, dialect as m, encode},
+    node::Node,
+    time::Time,
+    wire::{decode_record, encode_record},
 };
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
-use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::autopilot::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
-use alight_uav::odometry::OdometryConfig;
+use alight_uav::{
+    autopilot::{
+        AutopilotIn, AutopilotLink, AutopilotLinkConfig,
+        message::{
+            Address, CommandLong, HilGps, MavCmd, MavMessage, MavModeFlag, MavResult, MavType, MavlinkFrame,
+            MavlinkMessage, ParameterValue, chars, command_ack, heartbeat, narrow, parameter,
+        },
+        modes::{Firmware, px4_mode},
+        wire::{Decoder, Encoder},
+    },
+    odometry::OdometryConfig,
+};
 use proptest::prelude::*;
 
 fn number() -> impl Strategy<Value = f64> {

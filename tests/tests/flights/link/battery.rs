@@ -1,11 +1,8 @@
 //! Actions of the link on a low battery: according to its own reserve, and according to the mission's choice.
 
-use super::rig::LinkRig;
-use super::{BOTH, commanding, config};
+use super::{BOTH, commanding, config, rig::LinkRig};
 use alight_shared::msg::{AutopilotMode, BatteryPlace, LastResort, ReasonCode, State};
-use alight_uav::autopilot::message::MavResult;
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{ControlAuthority, Diversion};
+use alight_uav::autopilot::{ControlAuthority, Diversion, message::MavResult, modes::Firmware};
 
 #[test]
 fn battery_reserve_diversions() {

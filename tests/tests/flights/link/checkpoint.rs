@@ -1,11 +1,12 @@
 //! Restart of the link in flight, with and without its checkpoint.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{AutopilotMode, LinkCheckpoint, State};
+use alight_shared::{
+    geodesy::Datum,
+    msg::{AutopilotMode, LinkCheckpoint, State},
+};
 use alight_uav::autopilot::modes::Firmware;
 
-use super::rig::lead;
-use super::{BOTH, aloft, commanding};
+use super::{BOTH, aloft, commanding, rig::lead};
 
 const AWAY_S: f64 = 0.2;
 

@@ -1,12 +1,16 @@
 //! The link disarms only on the deck, and only with evidence of a landing.
 
 use alight_shared::msg::{AutopilotMode, State};
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::{MavCmd, MavResult, severity};
-use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{
+    AutopilotLinkConfig,
+    message::{MavCmd, MavResult, severity},
+    modes::Firmware,
+};
 
-use super::rig::{LinkRig, press, stop};
-use super::{BOTH, config};
+use super::{
+    BOTH, config,
+    rig::{LinkRig, press, stop},
+};
 
 /// Rig whose pilot presses the drone onto the deck, up to the detection of a touchdown.
 fn pressed(firmware: Firmware, config: &AutopilotLinkConfig) -> LinkRig {

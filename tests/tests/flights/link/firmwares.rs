@@ -1,15 +1,17 @@
 //! Responses of PX4 and ArduCopter to attitude and thrust, compared with measurements of the real firmwares.
 
-use alight_shared::frames::{DroneNed, Vector, wxyz};
-use alight_shared::mavlink::dialect::{LANDING_TARGET_DATA, MavBool, MavFrame};
-use alight_shared::msg::{DroneState, SetPoint, State};
-use alight_uav::autopilot::message::MavMessage;
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotLinkConfig, DeckMessage};
+use alight_shared::{
+    frames::{DroneNed, Vector, wxyz},
+    mavlink::dialect::{LANDING_TARGET_DATA, MavBool, MavFrame},
+    msg::{DroneState, SetPoint, State},
+};
+use alight_uav::autopilot::{AutopilotLinkConfig, DeckMessage, message::MavMessage, modes::Firmware};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
-use super::rig::{LinkRig, hover, press};
-use super::{BOTH, config};
+use super::{
+    BOTH, config,
+    rig::{LinkRig, hover, press},
+};
 
 /// Set-point that rocks the drone about its own axis at a heading of 180 deg, as above a rocking deck.
 fn rock(d: &DroneState) -> SetPoint {

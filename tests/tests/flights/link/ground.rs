@@ -1,18 +1,21 @@
 //! Reports to a ground station through the autopilot, and commands from an RC switch.
 
-use alight_shared::mavlink::{FrameReader, dialect};
-use alight_shared::msg::{CommandKind, ReasonCode, State};
-use alight_sim::harness::rig::Rig;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::ground_station::{AGE, DISTANCE};
-use alight_uav::autopilot::message::{
-    Address, CommandLong, MavCmd, MavMessage, MavResult, MavlinkMessage, command_ack, severity,
+use alight_shared::{
+    mavlink::{FrameReader, dialect},
+    msg::{CommandKind, ReasonCode, State},
 };
-use alight_uav::autopilot::wire::Encoder;
+use alight_sim::harness::{
+    rig::Rig,
+    scenario::{NodeConfigs, Scenario},
+};
+use alight_uav::autopilot::{
+    AutopilotLinkConfig,
+    ground_station::{AGE, DISTANCE},
+    message::{Address, CommandLong, MavCmd, MavMessage, MavResult, MavlinkMessage, command_ack, severity},
+    wire::Encoder,
+};
 
-use super::rig::LinkRig;
-use super::{BOTH, aloft, commanding, config};
+use super::{BOTH, aloft, commanding, config, rig::LinkRig};
 
 /// RC channel to which the switch is assigned.
 const CHANNEL: u8 = 7;

@@ -1,12 +1,12 @@
 //! The deck's position as the autopilot's home position.
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::State;
-use alight_uav::autopilot::AutopilotLinkConfig;
-use alight_uav::autopilot::message::MavCmd;
+use alight_shared::{geodesy::Datum, msg::State};
+use alight_uav::autopilot::{AutopilotLinkConfig, message::MavCmd};
 
-use super::rig::{LinkRig, hold, lead};
-use super::{BOTH, commanding, config};
+use super::{
+    BOTH, commanding, config,
+    rig::{LinkRig, hold, lead},
+};
 
 #[test]
 fn home_on_the_deck() {

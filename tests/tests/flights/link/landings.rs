@@ -1,12 +1,16 @@
 //! Landings in lock-step with both firmwares and slow wires.
 
-use alight_shared::msg::{CommandKind, State};
-use alight_shared::time::Span;
-use alight_sim::harness::observer::NoObserver;
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::harness::scenario::{NodeConfigs, Scenario};
-use alight_sim::harness::trial::{self, Event, Watch, land};
-use alight_sim::harness::world::World;
+use alight_shared::{
+    msg::{CommandKind, State},
+    time::Span,
+};
+use alight_sim::harness::{
+    observer::NoObserver,
+    outcome::Outcome,
+    scenario::{NodeConfigs, Scenario},
+    trial::{self, Event, Watch, land},
+    world::World,
+};
 use alight_uav::autopilot::modes::Firmware;
 
 use crate::at_sea;

@@ -17,17 +17,19 @@ mod takeoff;
 mod wire;
 
 use super::BOTH;
-use alight_shared::geodesy::Datum;
-use alight_shared::geoid;
-use alight_shared::mavlink::dialect::BATTERY_STATUS_DATA;
-use alight_shared::msg::{AutopilotMode, ReasonCode, SetPoint, State};
-use alight_shared::time::Time;
-use alight_sim::autopilots::simulated::mode_number;
-use alight_uav::autopilot::message::{
-    Address, MavAutopilot, MavMessage, MavModeFlag, MavResult, MavType, heartbeat,
+use alight_shared::{
+    geodesy::Datum,
+    geoid,
+    mavlink::dialect::BATTERY_STATUS_DATA,
+    msg::{AutopilotMode, ReasonCode, SetPoint, State},
+    time::Time,
 };
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{AutopilotLinkConfig, ControlAuthority};
+use alight_sim::autopilots::simulated::mode_number;
+use alight_uav::autopilot::{
+    AutopilotLinkConfig, ControlAuthority,
+    message::{Address, MavAutopilot, MavMessage, MavModeFlag, MavResult, MavType, heartbeat},
+    modes::Firmware,
+};
 use rig::{LinkRig, hold, lead, press};
 
 /// Configuration that accepts unsigned orders.

@@ -1,10 +1,8 @@
 //! Parameters of the autopilot that the link checks.
 
-use super::aloft;
-use super::rig::LinkRig;
+use super::{aloft, rig::LinkRig};
 use alight_shared::msg::{AutopilotMode, Reason, ReasonCode};
-use alight_uav::autopilot::ControlAuthority;
-use alight_uav::autopilot::modes::Firmware;
+use alight_uav::autopilot::{ControlAuthority, modes::Firmware};
 
 #[test]
 fn ardu_copter_without_the_thrust_option() {

@@ -1,31 +1,39 @@
 //! The link's node and the simulated autopilot on a common clock, above a deck at rest, with inputs from
 //! pilot, mission and predictor.
 
-use alight_shared::frames::{Deck, Point};
-use alight_shared::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
-use alight_shared::mavlink::dialect::LANDING_TARGET_DATA;
-use alight_shared::msg::{
-    AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage, DroneState,
-    Header, LastResort, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample, Reason,
-    ReasonCode, Seq, SetPoint, SetPointKind, SettingsOrder, State,
+use alight_shared::{
+    frames::{Deck, Point},
+    geometry::{DeckGeometry, DroneGeometry, GRAVITY},
+    mavlink::dialect::LANDING_TARGET_DATA,
+    msg::{
+        AutopilotMode, AutopilotState, BatteryPlace, Command, CommandKind, DeckForecast, DeckStage,
+        DroneState, Header, LastResort, LinkCheckpoint, MissionSettings, MissionState, Motors, RangeSample,
+        Reason, ReasonCode, Seq, SetPoint, SetPointKind, SettingsOrder, State,
+    },
+    node::Node as _,
+    time::{DroneClock, DroneTime, Span, Time, WorldTime},
 };
-use alight_shared::node::Node as _;
-use alight_shared::time::{DroneClock, DroneTime, Span, Time, WorldTime};
-use alight_sim::autopilots::simulated::{SimulatedAutopilot, mode_number};
-use alight_sim::harness::link::LinkedAutopilot;
-use alight_sim::physics::body::RigidState;
-use alight_sim::physics::drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone};
-use alight_sim::physics::streams::Streams;
-use alight_uav::autopilot::message::{
-    Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkMessage, TargetAbsolute, TargetRelative,
-    text,
+use alight_sim::{
+    autopilots::simulated::{SimulatedAutopilot, mode_number},
+    harness::link::LinkedAutopilot,
+    physics::{
+        body::RigidState,
+        drone::{DroneConfig, DroneStart, NavigationConfig, SimulatedDrone},
+        streams::Streams,
+    },
 };
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::{
-    AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
+use alight_uav::{
+    autopilot::{
+        AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
+        message::{
+            Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkMessage, TargetAbsolute,
+            TargetRelative, text,
+        },
+        modes::Firmware,
+    },
+    mission::MissionConfig,
+    odometry::OdometryConfig,
 };
-use alight_uav::mission::MissionConfig;
-use alight_uav::odometry::OdometryConfig;
 use nalgebra::Vector3;
 
 const BOOT: u32 = 7;

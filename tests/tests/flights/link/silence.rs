@@ -1,11 +1,12 @@
 //! Loss of one kind of report.
 
-use alight_shared::mavlink::{MessageData as _, dialect as m};
-use alight_shared::msg::LandedState;
+use alight_shared::{
+    mavlink::{MessageData as _, dialect as m},
+    msg::LandedState,
+};
 use alight_uav::autopilot::modes::Firmware;
 
-use super::rig::LinkRig;
-use super::{BOTH, commanding};
+use super::{BOTH, commanding, rig::LinkRig};
 
 /// The charge becomes unknown at 57 %, and the operator is informed.
 #[test]

@@ -1,10 +1,11 @@
 //! Parameters of the companion computer that a ground station reads and sets.
 
-use super::ground::{STATION, VEHICLE};
-use super::rig::LinkRig;
-use super::{BOTH, config};
-use alight_shared::mavlink::dialect as m;
-use alight_shared::msg::LandingMode;
+use super::{
+    BOTH, config,
+    ground::{STATION, VEHICLE},
+    rig::LinkRig,
+};
+use alight_shared::{mavlink::dialect as m, msg::LandingMode};
 use alight_uav::autopilot::message::{MavMessage as M, MavlinkMessage, chars};
 
 pub(super) fn set(target_component: u8, name: &str, param_value: f32) -> MavlinkMessage {

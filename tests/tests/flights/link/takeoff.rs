@@ -2,11 +2,15 @@
 
 use alight_shared::msg::{AutopilotMode, DroneState, ReasonCode, SetPoint, SetPointKind, State};
 use alight_sim::autopilots::simulated::own_mission_mode;
-use alight_uav::autopilot::message::{Address, MavAutopilot, MavCmd, MavModeFlag, MavType, heartbeat};
-use alight_uav::autopilot::modes::{Firmware, px4_mode};
+use alight_uav::autopilot::{
+    message::{Address, MavAutopilot, MavCmd, MavModeFlag, MavType, heartbeat},
+    modes::{Firmware, px4_mode},
+};
 
-use super::rig::{LinkRig, STEP, hover};
-use super::{BOTH, commanding, config};
+use super::{
+    BOTH, commanding, config,
+    rig::{LinkRig, STEP, hover},
+};
 
 fn stand(_: &DroneState) -> SetPoint {
     SetPoint {

@@ -1,14 +1,16 @@
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::Seq;
-use alight_shared::node::Node as _;
-use alight_shared::time::Time;
+use alight_shared::{geometry::DroneGeometry, msg::Seq, node::Node as _, time::Time};
 
-use super::super::message::{
-    AUTOPILOT_COMPONENT, Address, MavAutopilot, MavModeFlag, MavType, MavlinkFrame, MavlinkMessage, heartbeat,
+use super::{
+    super::{
+        AutopilotIn, AutopilotLink, AutopilotLinkConfig,
+        message::{
+            AUTOPILOT_COMPONENT, Address, MavAutopilot, MavModeFlag, MavType, MavlinkFrame, MavlinkMessage,
+            heartbeat,
+        },
+        wire::{Decoder, Encoder},
+    },
+    *,
 };
-use super::super::wire::{Decoder, Encoder};
-use super::super::{AutopilotIn, AutopilotLink, AutopilotLinkConfig};
-use super::*;
 use crate::odometry::OdometryConfig;
 
 /// Valid RTCM 3 frame with a total of `length` bytes.

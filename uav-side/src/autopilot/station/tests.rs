@@ -1,6 +1,8 @@
 use super::*;
-use alight_shared::msg::{ReasonCode, State};
-use alight_shared::time::Time;
+use alight_shared::{
+    msg::{ReasonCode, State},
+    time::Time,
+};
 
 use CommandOutcome::{Answered, Order, Rejected};
 use MavResult::{

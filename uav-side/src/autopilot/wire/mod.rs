@@ -4,8 +4,10 @@
 
 mod typed;
 
-use alight_shared::mavlink::dialect::{MavCmd, MavMessage, MavSeverity};
-use alight_shared::mavlink::{self, FrameReader, MavlinkSender, Outgoing, RawFrame, Signatures, Signing};
+use alight_shared::mavlink::{
+    self, FrameReader, MavlinkSender, Outgoing, RawFrame, Signatures, Signing,
+    dialect::{MavCmd, MavMessage, MavSeverity},
+};
 use num_traits::FromPrimitive;
 
 use super::message::{Address, MavlinkFrame, MavlinkMessage};

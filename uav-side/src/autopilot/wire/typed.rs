@@ -1,8 +1,10 @@
 //! Typed messages to and from those of the dialect.
 
-use alight_shared::mavlink::dialect::MavFrame::MAV_FRAME_LOCAL_NED;
-use alight_shared::mavlink::dialect::{self as m, MavMessage as M};
-use alight_shared::mavlink::{CharArray, Outgoing, fields};
+use alight_shared::mavlink::{
+    CharArray, Outgoing,
+    dialect::{self as m, MavFrame::MAV_FRAME_LOCAL_NED, MavMessage as M},
+    fields,
+};
 
 use super::super::message::{
     Address, AttitudeThrustTarget, HilGps, HilSensor, MavlinkMessage, PositionTarget, TargetAbsolute,

@@ -8,16 +8,20 @@ pub mod blobs;
 pub mod fisheye;
 pub mod pose;
 
-use alight_shared::bus::wiring;
-use alight_shared::config;
-use alight_shared::msg::UvdarFix;
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    bus::wiring,
+    config,
+    msg::UvdarFix,
+    node::Node,
+    time::{DroneClock, Span, Time},
+};
 use nalgebra::{UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::image::{CameraFrame, GreyImage};
-use super::node::{CameraIdentity, CameraIn, Exposures};
+use super::{
+    image::{CameraFrame, GreyImage},
+    node::{CameraIdentity, CameraIn, Exposures},
+};
 use blink::{BlinkTracker, Code};
 use blobs::BlobLimits;
 pub use fisheye::Fisheye;

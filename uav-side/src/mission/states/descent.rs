@@ -1,15 +1,21 @@
 //! Conditions under which a descent or flare continues or is broken off.
 
-use alight_shared::msg::ReasonCode::{
-    Descending, DescendingTo, Deviated, FlareHeight, Flaring, Matched, Matching, Missed, NoPlan, Swings,
-    TiltExcess, TooNear, VesselTurns, VisionLost,
+use alight_shared::msg::{
+    Course, Reason,
+    ReasonCode::{
+        Descending, DescendingTo, Deviated, FlareHeight, Flaring, Matched, Matching, Missed, NoPlan, Swings,
+        TiltExcess, TooNear, VesselTurns, VisionLost,
+    },
 };
-use alight_shared::msg::{Course, Reason};
 
-use super::super::limits::{DECISION_TIMEOUT_S, HYSTERESIS, LOST_OUTSIDE_M, exceeds, first_beyond};
-use super::super::phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting};
-use super::super::situation::{ClimbRoom, Deck, MAY_TOUCH_M, Situation};
-use super::{MAX_SWING_RAD, blind_limit, unlikely, urgency, widening};
+use super::{
+    super::{
+        limits::{DECISION_TIMEOUT_S, HYSTERESIS, LOST_OUTSIDE_M, exceeds, first_beyond},
+        phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting},
+        situation::{ClimbRoom, Deck, MAY_TOUCH_M, Situation},
+    },
+    MAX_SWING_RAD, blind_limit, unlikely, urgency, widening,
+};
 use crate::mission_config::MissionConfig;
 
 /// Reason to break off an uncommitted landing: another owner of the deck, or a turn announced by the helm.

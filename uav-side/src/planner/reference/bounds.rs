@@ -3,12 +3,18 @@
 use alight_shared::msg::DeckStage;
 use nalgebra::Vector3;
 
-use super::super::mpc_faa::{Problem, Side};
-use super::super::qp::NO_CEILING;
-use super::super::view::View;
-use super::{PlanReference, ReferenceGenerator};
-use crate::contingency::NEAR_DECK_M;
-use crate::surroundings::{Passage, margin_m};
+use super::{
+    super::{
+        mpc_faa::{Problem, Side},
+        qp::NO_CEILING,
+        view::View,
+    },
+    PlanReference, ReferenceGenerator,
+};
+use crate::{
+    contingency::NEAR_DECK_M,
+    surroundings::{Passage, margin_m},
+};
 
 /// Distance of the plan's bound below the reference's minimum clearance, m; a plan that follows the reference does not
 /// reach it.

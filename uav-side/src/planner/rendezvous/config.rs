@@ -1,7 +1,9 @@
 use std::collections::BTreeMap;
 
-use alight_shared::config;
-use alight_shared::config::{Check, ConfigError, Keys};
+use alight_shared::{
+    config,
+    config::{Check, ConfigError, Keys},
+};
 use serde::{Deserialize, Serialize};
 
 use crate::planner::weights::FaaDistance;

@@ -15,18 +15,22 @@ pub mod profile;
 mod push;
 pub mod touchdown_time;
 
-use alight_shared::geometry::{DroneGeometry, GRAVITY};
-use alight_shared::landing::{beyond_aligned, wind_during_alignment};
-use alight_shared::msg::{DeckForecast, DeckStage, DroneState, MissionState, Phase, State as Mode};
-use alight_shared::time::{DroneClock, Time};
+use alight_shared::{
+    geometry::{DroneGeometry, GRAVITY},
+    landing::{beyond_aligned, wind_during_alignment},
+    msg::{DeckForecast, DeckStage, DroneState, MissionState, Phase, State as Mode},
+    time::{DroneClock, Time},
+};
 use nalgebra::{Vector2, Vector3};
 
-use super::config::PlannerConfig;
-use super::law::{LandingStart, Law, View};
-use super::model::{ModelState, angular_velocity, state, up_of};
-use super::mpc_faa::Problem;
-use super::reference::{PlanReference, ReferenceGenerator};
-use super::weights::FaaDistance;
+use super::{
+    config::PlannerConfig,
+    law::{LandingStart, Law, View},
+    model::{ModelState, angular_velocity, state, up_of},
+    mpc_faa::Problem,
+    reference::{PlanReference, ReferenceGenerator},
+    weights::FaaDistance,
+};
 use crate::flatness::aligned_acceleration;
 use config::{RendezvousConfig, TouchdownTimeConfig};
 use profile::{Height, Profile};

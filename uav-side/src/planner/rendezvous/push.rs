@@ -11,8 +11,7 @@
 //! In 10 m/s of wind the change on the way down from 7 m above a deck is a third of the disturbance, or 4 cm at the
 //! plan's end.
 
-use alight_shared::landing::LINEAR_MPS;
-use alight_shared::msg::DroneState;
+use alight_shared::{landing::LINEAR_MPS, msg::DroneState};
 use nalgebra::{Matrix2, Vector2};
 
 use crate::odometry::DISTURBANCE_S;

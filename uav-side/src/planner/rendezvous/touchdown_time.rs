@@ -1,8 +1,10 @@
 //! Selects a reachable time at which the deck is nearly level, rotates slowly and accelerates like an aligned drone.
 
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{DeckForecast, DeckStage};
-use alight_shared::time::{DroneClock, Span, Time};
+use alight_shared::{
+    geometry::GRAVITY,
+    msg::{DeckForecast, DeckStage},
+    time::{DroneClock, Span, Time},
+};
 use nalgebra::{Vector2, Vector3};
 
 use super::config::TouchdownTimeConfig;

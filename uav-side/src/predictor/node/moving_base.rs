@@ -2,10 +2,14 @@
 
 use alight_shared::frames::yaw_rotation;
 
-use super::super::axis::DRIFT;
-use super::super::observation::Plane;
-use super::super::relative::{self, Use};
-use super::*;
+use super::{
+    super::{
+        axis::DRIFT,
+        observation::Plane,
+        relative::{self, Use},
+    },
+    *,
+};
 
 impl Predictor {
     /// Processes a relative position. If it is not fixed, or the tags contradict it, it is only reported in the

@@ -1,13 +1,16 @@
 //! Messages from the vessel: estimate and wave model.
 
-use alight_shared::admission::RejectionReason;
-use alight_shared::msg::{VesselEstimate, WaveModel};
-use alight_shared::time::{DroneClock, DroneTime};
-use alight_shared::vessel_model::YAW;
+use alight_shared::{
+    admission::RejectionReason,
+    msg::{VesselEstimate, WaveModel},
+    time::{DroneClock, DroneTime},
+    vessel_model::YAW,
+};
 
-use super::super::observation;
-use super::super::placement::placed;
-use super::{Estimate, Predictor};
+use super::{
+    super::{observation, placement::placed},
+    Estimate, Predictor,
+};
 
 impl Predictor {
     pub(super) fn wave(&mut self, now: DroneTime, m: &WaveModel<DroneClock>) -> Result<(), RejectionReason> {

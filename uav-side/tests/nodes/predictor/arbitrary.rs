@@ -1,10 +1,12 @@
 //! Arbitrary input is counted, and the forecast stays valid.
 
-use alight_shared::msg::{
-    CarrierSolution, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, RelativePlace, Seq,
-    TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+use alight_shared::{
+    msg::{
+        CarrierSolution, DroneState, Header, LinkState, Message, PredictedStage, RangeSample, RelativePlace,
+        Seq, TagPose, UvdarFix, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    },
+    node::Node,
 };
-use alight_shared::node::Node;
 use alight_uav::predictor::PredictorIn;
 use proptest::prelude::*;
 

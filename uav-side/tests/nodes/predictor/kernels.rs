@@ -1,14 +1,18 @@
 //! Filter of one axis, and vision geometry, against closed forms.
 
-use alight_shared::frames::{body_from_camera, wxyz};
-use alight_shared::msg::{RangeSample, TagPose};
-use alight_shared::time::{DroneTime, Time};
-use alight_uav::predictor::PredictorConfig;
-use alight_uav::predictor::axis::{Axis, AxisNoise, HEAD, MeasurementRow, OscillatorStep, RATE};
-use alight_uav::predictor::filter::Filter;
-use alight_uav::predictor::observation::{self, DeckObservation, ObservationKind, Plane};
-use alight_uav::predictor::track::Pose;
-use alight_uav::predictor::waves::Waves;
+use alight_shared::{
+    frames::{body_from_camera, wxyz},
+    msg::{RangeSample, TagPose},
+    time::{DroneTime, Time},
+};
+use alight_uav::predictor::{
+    PredictorConfig,
+    axis::{Axis, AxisNoise, HEAD, MeasurementRow, OscillatorStep, RATE},
+    filter::Filter,
+    observation::{self, DeckObservation, ObservationKind, Plane},
+    track::Pose,
+    waves::Waves,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::world::{self, SimulatedVessel, header};

@@ -5,8 +5,10 @@ mod kernels;
 mod moving_base;
 mod world;
 
-use alight_shared::admission::RejectionReason;
-use alight_shared::msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source};
+use alight_shared::{
+    admission::RejectionReason,
+    msg::{PREDICTED_SLOPE_STEP_S, PREDICTED_SLOPES, SLOPE_STEP, Source},
+};
 
 use world::*;
 

@@ -1,12 +1,14 @@
 //! Predictor with a relative position from a moving base: a correct fix, a false fix, and a float solution.
 
-use alight_shared::frames::{body_from_camera, wxyz};
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::{
-    CarrierSolution, DeckForecast, DroneState, Header, RelativePlace, RelativeState, TagPose, VesselEstimate,
-    f16,
+use alight_shared::{
+    frames::{body_from_camera, wxyz},
+    geometry::DroneGeometry,
+    msg::{
+        CarrierSolution, DeckForecast, DroneState, Header, RelativePlace, RelativeState, TagPose,
+        VesselEstimate, f16,
+    },
+    node::Node,
 };
-use alight_shared::node::Node;
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -1,18 +1,18 @@
-use std::ops::Range;
-use std::rc::Rc;
+use std::{ops::Range, rc::Rc};
 
-use alight_shared::frames::{body_from_camera, wrap_angle, wxyz};
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::msg::{
-    CarrierSolution, DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage,
-    RangeSample, RelativePlace, Seq, TagPose, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+use alight_shared::{
+    frames::{body_from_camera, wrap_angle, wxyz},
+    geometry::DroneGeometry,
+    msg::{
+        CarrierSolution, DeckForecast, DeckStage, DroneState, Header, LinkState, Message, PredictedStage,
+        RangeSample, RelativePlace, Seq, TagPose, VesselEstimate, VesselPrediction, WaveMode, WaveModel, f16,
+    },
+    node::Node,
+    time::{DroneClock, DroneTime, Time},
 };
-use alight_shared::node::Node;
-use alight_shared::time::{DroneClock, DroneTime, Time};
 use alight_uav::predictor::{Predictor, PredictorConfig, PredictorIn};
 use nalgebra::{Complex, Rotation3, UnitQuaternion, Vector3};
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
+use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 
 pub fn time(s: f64) -> DroneTime {

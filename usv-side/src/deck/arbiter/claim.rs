@@ -1,7 +1,9 @@
 //! Claims of drones to the deck. One status establishes a claim; lasting evidence or the crew ends it.
 
-use alight_shared::msg::{DroneStatus, LandedState, OWNER_ONLY_M, State};
-use alight_shared::time::{Span, VesselTime};
+use alight_shared::{
+    msg::{DroneStatus, LandedState, OWNER_ONLY_M, State},
+    time::{Span, VesselTime},
+};
 
 use super::FRESH;
 use crate::deck::checkpoint::Claim;

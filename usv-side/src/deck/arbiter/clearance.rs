@@ -7,13 +7,14 @@
 
 use core::fmt;
 
-use alight_shared::msg::{DroneStatus, State, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S};
-use alight_shared::time::{Span, VesselTime};
+use alight_shared::{
+    msg::{DroneStatus, State, TAKE_OFF_CLEARANCE_S, TAKE_OFF_STANDING_S, TAKE_OFF_WATCH_S},
+    time::{Span, VesselTime},
+};
 use serde::{Deserialize, Serialize};
 
 use super::{DeckArbiter, Drone, Reading};
-use crate::deck::MAX_DRONES;
-use crate::deck::checkpoint::Claim;
+use crate::deck::{MAX_DRONES, checkpoint::Claim};
 
 /// Maximum recovery of a gauge after a flight, 0 to 1, and maximum rate of a charger, 1/s: a larger increase
 /// is a battery change.

@@ -1,9 +1,9 @@
-use alight_shared::msg::{DroneStatus, Header, ReasonCode, State, Station};
-use alight_shared::time::{DroneClock, Span, Time, VesselTime};
+use alight_shared::{
+    msg::{DroneStatus, Header, ReasonCode, State, Station},
+    time::{DroneClock, Span, Time, VesselTime},
+};
 
-use super::claim::ClaimEvidence;
-use super::clearance::StandingCharge;
-use super::{FRESH, LOW_BATTERY};
+use super::{FRESH, LOW_BATTERY, claim::ClaimEvidence, clearance::StandingCharge};
 use crate::deck::checkpoint::{Claim, DroneClaim};
 
 /// Silence of the former boot after which another boot id counts as a restart: three status periods.

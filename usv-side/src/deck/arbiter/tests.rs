@@ -1,6 +1,5 @@
 use super::*;
-use alight_shared::msg::Station;
-use alight_shared::time::DroneTime;
+use alight_shared::{msg::Station, time::DroneTime};
 
 mod course;
 mod departure;

@@ -1,6 +1,8 @@
 use super::*;
-use alight_shared::msg::{Reason, ReasonCode, State};
-use alight_shared::time::Time;
+use alight_shared::{
+    msg::{Reason, ReasonCode, State},
+    time::Time,
+};
 use proptest::prelude::*;
 
 fn command(sequence: u32, drone: u32, kind: CommandKind) -> OperatorCommand<VesselClock> {

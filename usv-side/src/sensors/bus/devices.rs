@@ -9,8 +9,7 @@ use std::collections::BTreeMap;
 
 use alight_shared::frames::wrap_angle;
 
-use crate::sensors::Remark;
-use crate::sensors::config::MAX_DEVICE_NAME;
+use crate::sensors::{Remark, config::MAX_DEVICE_NAME};
 
 /// Silence after which another device is used for the group, ns.
 const SILENT_NS: i64 = 2_000_000_000;

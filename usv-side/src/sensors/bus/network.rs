@@ -1,9 +1,13 @@
 //! Devices of a source by group: the one in use, and contradictions between devices.
 
-use super::devices::{DeviceGroup, DeviceNames, DeviceSample, GROUPS, PLACES, RATES, VELOCITIES, is_near};
-use super::name_text;
-use crate::sensors::config::{BusDevices, device_name};
-use crate::sensors::{Mounting, Remark};
+use super::{
+    devices::{DeviceGroup, DeviceNames, DeviceSample, GROUPS, PLACES, RATES, VELOCITIES, is_near},
+    name_text,
+};
+use crate::sensors::{
+    Mounting, Remark,
+    config::{BusDevices, device_name},
+};
 
 /// Time from the first message after which an absent selected device is reported as missing, ns.
 const MISSED_NS: i64 = 5_000_000_000;

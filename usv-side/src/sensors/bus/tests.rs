@@ -1,6 +1,5 @@
 use super::*;
-use crate::sensors::Mount;
-use crate::sensors::config::BusDevices;
+use crate::sensors::{Mount, config::BusDevices};
 
 #[test]
 fn devices_of_a_group_that_fall_silent_and_return() {

@@ -1,6 +1,8 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged};
-use crate::sensors::{Measurement, Mount};
+use crate::{
+    fixtures::{self, damage, damaged},
+    sensors::{Measurement, Mount},
+};
 use proptest::prelude::*;
 
 fn frame(sequence: u8, message: &m::MavMessage) -> Vec<u8> {

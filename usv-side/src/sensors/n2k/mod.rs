@@ -5,15 +5,19 @@
 mod line;
 mod pgn;
 
-use alight_shared::estimation::Rollover;
-use alight_shared::lines::LineBuffer;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    estimation::Rollover,
+    lines::LineBuffer,
+    time::{Time, VesselClock},
+};
 
-use super::bus::{SensorBus, name_text};
-use super::clock::DAY_NS;
-use super::config::MAX_ADDRESS;
-use super::nmea::account::{Account, JSON, Why};
-use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
+use super::{
+    Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement,
+    bus::{SensorBus, name_text},
+    clock::DAY_NS,
+    config::MAX_ADDRESS,
+    nmea::account::{Account, JSON, Why},
+};
 use line::{MAX_MESSAGE, N2kLine, N2kStamp};
 
 /// Longest line, bytes: a message in canboat's plain format.

@@ -1,7 +1,6 @@
 //! Account of unused sentences, with the reasons as text.
 
-use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::{borrow::Cow, collections::BTreeMap};
 
 use crate::sensors::Remark;
 

@@ -294,9 +294,10 @@ fn base64(text: &str) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::{count, sentence};
-    use crate::sensors::Measurement;
-    use crate::sensors::nmea::NmeaDecoder;
+    use crate::{
+        fixtures::{count, sentence},
+        sensors::{Measurement, nmea::NmeaDecoder},
+    };
     use alight_shared::time::Time;
 
     const TILT: [u8; 8] = [0x2a, 0xff, 0x7f, 0xe8, 0x03, 0x18, 0xfc, 0xff];

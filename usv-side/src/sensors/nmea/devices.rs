@@ -1,7 +1,6 @@
 //! Devices of a stream of sentences (talkers and proprietary sentences), and choice of its clock.
 
-use super::account::Why;
-use super::{HEADINGS, MAX_SPARE, NmeaDecoder, SourceMeasurement, TILTS, Untimed};
+use super::{HEADINGS, MAX_SPARE, NmeaDecoder, SourceMeasurement, TILTS, Untimed, account::Why};
 use crate::sensors::bus::DeviceSample;
 
 /// Maximum number of talkers distinguished.

@@ -1,7 +1,9 @@
 //! Detection of other formats among sentences, so that the crew learns what the source sends.
 
-use super::account::{JSON, Why};
-use super::shape::has_angles;
+use super::{
+    account::{JSON, Why},
+    shape::has_angles,
+};
 use crate::sensors::n2k::is_line;
 
 const N2K: &str = "set format = \"n2k\" for this source";

@@ -57,9 +57,10 @@ impl Partner {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fixtures::sentence;
-    use crate::sensors::nmea::NmeaDecoder;
-    use crate::sensors::{Mount, Mounting, SensorDecoder, SourceMeasurement};
+    use crate::{
+        fixtures::sentence,
+        sensors::{Mount, Mounting, SensorDecoder, SourceMeasurement, nmea::NmeaDecoder},
+    };
     use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
 
     const S: i64 = 1_000_000_000;

@@ -1,11 +1,15 @@
 //! Content of each kind of sentence.
 
-use alight_shared::geodesy::{Datum, KNOT_MPS};
-use alight_shared::msg::NOT_MEASURED_SD;
+use alight_shared::{
+    geodesy::{Datum, KNOT_MPS},
+    msg::NOT_MEASURED_SD,
+};
 use nmea_kit::nmea::sentences::{Gga, Gll, Gns, Hdg, Pashr, Prdid, Rmc, Rot, Vtg, Xdr};
 
-use super::account::{UNSAFE_SD, Why};
-use super::{HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasurement, TILTS, TURNS, Untimed};
+use super::{
+    HEADINGS, MAX_SPARE, NmeaDecoder, PLACES, Position, SourceMeasurement, TILTS, TURNS, Untimed,
+    account::{UNSAFE_SD, Why},
+};
 
 /// Speed below which a velocity needs no course, m/s.
 pub(in crate::sensors) const STILL_MPS: f64 = 0.3;

@@ -1,6 +1,8 @@
 use super::*;
-use crate::fixtures::{attitudes, count, fixes, headings, sentence};
-use crate::sensors::{HeaveSign, Measurement, Mount};
+use crate::{
+    fixtures::{attitudes, count, fixes, headings, sentence},
+    sensors::{HeaveSign, Measurement, Mount},
+};
 use alight_shared::frames::wrap_angle;
 use proptest::prelude::*;
 

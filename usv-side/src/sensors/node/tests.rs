@@ -1,6 +1,8 @@
 use super::*;
-use crate::fixtures::{rtcm_frame, sentence};
-use crate::sensors::Mount;
+use crate::{
+    fixtures::{rtcm_frame, sentence},
+    sensors::Mount,
+};
 use alight_shared::vessel_model::{PITCH, ROLL, SURGE, SWAY, YAW};
 use proptest::prelude::*;
 

@@ -4,15 +4,17 @@
 //! Over a short step, noise exceeds the change of the quantity; an interval averages the noise. The rate is
 //! rejected only if most intervals of a window disagree, so a jump of the quantity does not count against it.
 
-use alight_shared::frames::{VesselNed, wrap_angle};
-use alight_shared::msg::AttitudeFix;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    frames::{VesselNed, wrap_angle},
+    msg::AttitudeFix,
+    time::{Time, VesselClock},
+};
 
-use super::part::Part;
-use super::verdict::{ChannelState, Doubt, Taken};
 use super::{
     HEIGHT_JUMP_M, MAX_CLIMB_MPS, MAX_SPEED_MPS, MAX_TILT_RAD, MAX_TURN_RADPS, RATE_ERROR_RADPS, bounded,
     has_climb, has_height, has_place, has_velocity,
+    part::Part,
+    verdict::{ChannelState, Doubt, Taken},
 };
 use crate::sensors::Measurement;
 

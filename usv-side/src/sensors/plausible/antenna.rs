@@ -11,11 +11,13 @@
 //! constants of integration. In the same windows the fixes' height without the lever arm's turn is compared with the
 //! heave: its factor `k` is 1 for a correct heave, and negative for one of opposite sign.
 
-use alight_shared::frames::VesselNed;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::GRAVITY;
-use alight_shared::msg::{AttitudeFix, GnssFix, HeadingFix};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    frames::VesselNed,
+    geodesy::Datum,
+    geometry::GRAVITY,
+    msg::{AttitudeFix, GnssFix, HeadingFix},
+    time::{Time, VesselClock},
+};
 use nalgebra::{DMatrix, Rotation2, Vector2};
 
 use super::has_height;

@@ -1,9 +1,11 @@
 //! Angle between a heading and the course over ground. A mirrored or reversed compass keeps it large, as do a boat that
 //! goes astern and one that drifts, so it is reported and nothing is removed.
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{GnssFix, HeadingFix};
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{GnssFix, HeadingFix},
+    time::{Time, VesselClock},
+};
 
 use super::has_velocity;
 

@@ -2,8 +2,7 @@
 
 use alight_shared::msg::NOT_MEASURED_SD;
 
-use super::standstill::Channel;
-use super::{has_climb, has_height, has_place, has_velocity};
+use super::{has_climb, has_height, has_place, has_velocity, standstill::Channel};
 use crate::sensors::Measurement;
 
 #[derive(Clone, Copy, Debug)]

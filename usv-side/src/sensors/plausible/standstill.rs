@@ -9,13 +9,18 @@
 
 use core::f64::consts::PI;
 
-use alight_shared::frames::wrap_angle;
-use alight_shared::geodesy::Datum;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    frames::wrap_angle,
+    geodesy::Datum,
+    time::{Time, VesselClock},
+};
 
-use super::antenna::{Antenna, Inverted};
-use super::drift::{Drift, DriftAngle};
-use super::{RATE_ERROR_RADPS, has_height, has_place, has_velocity};
+use super::{
+    RATE_ERROR_RADPS,
+    antenna::{Antenna, Inverted},
+    drift::{Drift, DriftAngle},
+    has_height, has_place, has_velocity,
+};
 use crate::sensors::Measurement;
 
 /// Channels that may stand still: roll and pitch together, or one of them while the other moves.

@@ -1,6 +1,8 @@
 use super::*;
-use alight_shared::frames::wrap_angle;
-use alight_shared::msg::{Header, HeadingFix, ImuSample};
+use alight_shared::{
+    frames::wrap_angle,
+    msg::{Header, HeadingFix, ImuSample},
+};
 use core::f64::consts::TAU;
 
 /// Wave of amplitude 1 and this period, s.

@@ -2,8 +2,7 @@
 
 use alight_shared::time::{Time, VesselClock};
 
-use super::antenna::Inverted;
-use super::standstill::Standstill;
+use super::{antenna::Inverted, standstill::Standstill};
 
 /// Length of the window for rejection or acceptance, s: six waves of 10 s.
 pub(super) const WINDOW_S: f64 = 60.0;

@@ -7,14 +7,18 @@
 
 mod delta;
 
-use alight_shared::estimation::{JITTER_S, SourceClock};
-use alight_shared::lines::LineBuffer;
-use alight_shared::time::{Span, Time, VesselClock};
+use alight_shared::{
+    estimation::{JITTER_S, SourceClock},
+    lines::LineBuffer,
+    time::{Span, Time, VesselClock},
+};
 
-use super::bus::{Content, PAIR_NS, SensorBus, is_near};
-use super::clock::utc_ns;
-use super::nmea::account::{Account, Why};
-use super::{Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement};
+use super::{
+    Decoded, Measurement, Mounting, Remark, SensorDecoder, SourceMeasurement,
+    bus::{Content, PAIR_NS, SensorBus, is_near},
+    clock::utc_ns,
+    nmea::account::{Account, Why},
+};
 use crate::node::KINDS;
 use delta::{DeltaMessage, DeltaUpdate};
 

@@ -1,6 +1,8 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged, fixes};
-use crate::sensors::Mount;
+use crate::{
+    fixtures::{self, damage, damaged, fixes},
+    sensors::Mount,
+};
 use alight_shared::msg::NOT_MEASURED_SD;
 use proptest::prelude::*;
 

@@ -1,12 +1,13 @@
 //! Fix from separate messages with one time of week: position (NAV-POSLLH, NAV-HPPOSLLH), velocity
 //! (NAV-VELNED) and state (NAV-SOL, NAV-STATUS).
 
-use alight_shared::geodesy::Datum;
-use alight_shared::msg::{GnssFix, NOT_MEASURED_SD};
+use alight_shared::{
+    geodesy::Datum,
+    msg::{GnssFix, NOT_MEASURED_SD},
+};
 
 use super::sd;
-use crate::sensors::nmea::partner::Partner;
-use crate::sensors::{Mounting, SourceMeasurement};
+use crate::sensors::{Mounting, SourceMeasurement, nmea::partner::Partner};
 
 /// Time without a NAV-PVT fix after which the parts are used, ns.
 const SILENT_NS: i64 = 2_000_000_000;

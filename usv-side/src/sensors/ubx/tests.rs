@@ -1,6 +1,8 @@
 use super::*;
-use crate::fixtures::{self, damage, damaged, ubx as message};
-use crate::sensors::Mount;
+use crate::{
+    fixtures::{self, damage, damaged, ubx as message},
+    sensors::Mount,
+};
 use proptest::prelude::*;
 
 fn put(payload: &mut [u8], at: usize, bytes: &[u8]) {

@@ -1,10 +1,12 @@
 use super::*;
 use crate::io::link_end::serial;
-use std::fs::File;
-use std::future::Future;
-use std::io::Read;
-use std::net::{TcpStream, UdpSocket};
-use std::path::Path;
+use std::{
+    fs::File,
+    future::Future,
+    io::Read,
+    net::{TcpStream, UdpSocket},
+    path::Path,
+};
 use tokio::time::timeout;
 
 async fn read_at_least(link: &mut ByteLink, enough: usize) -> Vec<u8> {

@@ -1,15 +1,18 @@
 //! Repair of a part without an end, after a kill or a power cut: adds an index, so that viewers can open the part.
 
-use std::fs::File;
-use std::path::Path;
+use std::{fs::File, path::Path};
 
 use mcap::McapError;
 
 use super::parts::PartWriter;
-use crate::exit::{CliError, Doing};
-use crate::record::entry::PartHeader;
-use crate::record::reading::{LogFile, is_whole, parts, read_header};
-use crate::record::sink::why;
+use crate::{
+    exit::{CliError, Doing},
+    record::{
+        entry::PartHeader,
+        reading::{LogFile, is_whole, parts, read_header},
+        sink::why,
+    },
+};
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Repair {

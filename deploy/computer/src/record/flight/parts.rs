@@ -1,10 +1,12 @@
 //! Parts of one start of a process: rotated by size and age, synchronised every second, retried when the disk rejects
 //! writes.
 
-use std::fs::File;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::Once;
+use std::{
+    fs::File,
+    io,
+    path::{Path, PathBuf},
+    sync::Once,
+};
 
 use alight_shared::step::Recorded;
 use iceoryx2_bb_posix::signal::{FetchableSignal, SignalHandler};
@@ -13,9 +15,11 @@ use time::OffsetDateTime;
 use tracing::{info, warn};
 
 use super::{MIN_FREE_BYTES, free_bytes};
-use crate::record::EXTENSION;
-use crate::record::entry::{self, PartHeader, References};
-use crate::record::sink::{ChannelId, Sink, why};
+use crate::record::{
+    EXTENSION,
+    entry::{self, PartHeader, References},
+    sink::{ChannelId, Sink, why},
+};
 
 const S: i64 = 1_000_000_000;
 /// Size of a part, bytes of steps: at this size or at the maximum age a part is finished and the next begins.
@@ -307,10 +311,14 @@ fn survive_size_limit() {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::entry::Entry;
-    use crate::record::log::{Log, ReplayOrder};
-    use crate::record::reading::{LogFile, LogStep, is_whole, parts, read_header};
-    use crate::scratch::scratch;
+    use crate::{
+        record::{
+            entry::Entry,
+            log::{Log, ReplayOrder},
+            reading::{LogFile, LogStep, is_whole, parts, read_header},
+        },
+        scratch::scratch,
+    };
     use alight_shared::wire;
     use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
     use std::sync::OnceLock;

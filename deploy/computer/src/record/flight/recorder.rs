@@ -1,20 +1,26 @@
 //! Recorder of a process's steps. It never waits: a thread writes the steps in batches; steps that find the queue
 //! full are counted and left out.
 
-use std::fs;
-use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::thread::{Builder, JoinHandle};
-use std::time::Duration;
+use std::{
+    fs,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, AtomicUsize, Ordering},
+        mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
+    },
+    thread::{Builder, JoinHandle},
+    time::Duration,
+};
 
 use alight_shared::step::Recorded;
 use alight_transport::clock::steady_ns;
 use tracing::warn;
 
-use super::parts::{Batch, Parts};
-use super::yield_to_flight;
+use super::{
+    parts::{Batch, Parts},
+    yield_to_flight,
+};
 use crate::exit::{CliError, Doing};
 
 pub use crate::record::entry::PartHeader;
@@ -152,8 +158,10 @@ pub fn can_write(directory: &Path) -> Result<(), CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::record::log::{Log, ReplayOrder};
-    use crate::scratch::scratch;
+    use crate::{
+        record::log::{Log, ReplayOrder},
+        scratch::scratch,
+    };
     use alight_shared::wire;
 
     #[test]

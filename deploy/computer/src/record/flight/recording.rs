@@ -1,17 +1,21 @@
 //! Management of a computer's flights outside the processes that fly: begin, summary, retention.
 
-use std::fs::File;
-use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::thread::{Builder, JoinHandle};
-use std::time::Duration;
+use std::{
+    fs::File,
+    path::{Path, PathBuf},
+    sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel},
+    thread::{Builder, JoinHandle},
+    time::Duration,
+};
 
 use alight_transport::clock::steady_ns;
 use tracing::{info, warn};
 
-use super::store::{self, Removed, Room};
-use super::summary::FlightSummary;
-use super::yield_to_flight;
+use super::{
+    store::{self, Removed, Room},
+    summary::FlightSummary,
+    yield_to_flight,
+};
 
 const SUMMARIES: usize = 2;
 const POLL_PERIOD: Duration = Duration::from_millis(200);

@@ -1,15 +1,21 @@
 //! Flights of a computer: their directories, and removal of the oldest when the disk is full.
 
-use std::fs::{File, TryLockError};
-use std::io;
-use std::path::{Path, PathBuf};
+use std::{
+    fs::{File, TryLockError},
+    io,
+    path::{Path, PathBuf},
+};
 
 use time::OffsetDateTime;
 
-use super::summary::{FlightSummary, SUMMARY_FILE};
-use super::{MIN_FREE_BYTES, free_bytes};
-use crate::record::EXTENSION;
-use crate::record::reading::{is_whole, parts};
+use super::{
+    MIN_FREE_BYTES, free_bytes,
+    summary::{FlightSummary, SUMMARY_FILE},
+};
+use crate::record::{
+    EXTENSION,
+    reading::{is_whole, parts},
+};
 
 /// Maximum number of flights that are examined; a start every minute creates this number in a week.
 const MAX_FLIGHTS: usize = 10_000;

@@ -1,11 +1,15 @@
 use std::path::PathBuf;
 
-use alight_computer::quantity::{seconds, whole};
-use alight_computer::terminal::Form;
+use alight_computer::{
+    quantity::{seconds, whole},
+    terminal::Form,
+};
 use clap::Args;
 
-use crate::args::{AutopilotArg, SeaArg, sea};
-use crate::live::fault::FaultSpec;
+use crate::{
+    args::{AutopilotArg, SeaArg, sea},
+    live::fault::FaultSpec,
+};
 
 /// Rehearsal of every service as installed, against the simulated world.
 #[derive(Args, Debug)]

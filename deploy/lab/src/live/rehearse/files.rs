@@ -1,18 +1,20 @@
 //! Copies of the installer's two files with changes (device paths, addresses, keys, a mode in place of one that needs
 //! a pilot), and the world that they describe.
 
-use std::os::unix::fs::DirBuilderExt;
-use std::path::{Path, PathBuf};
+use std::{
+    os::unix::fs::DirBuilderExt,
+    path::{Path, PathBuf},
+};
 
-use alight_computer::certificates::{self, common_name};
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::config::recorder::RecorderConfig;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig, method};
-use alight_computer::exit::{CliError, Doing};
-use alight_shared::config;
-use alight_shared::msg::LandingMode;
-use alight_sim::harness::scenario::Scenario;
-use alight_sim::sensors::moving_base::MovingBaseConfig;
+use alight_computer::{
+    certificates::{self, common_name},
+    config::{
+        DroneComputerConfig, VesselComputerConfig, link_url::LinkUrl, method, recorder::RecorderConfig,
+    },
+    exit::{CliError, Doing},
+};
+use alight_shared::{config, msg::LandingMode};
+use alight_sim::{harness::scenario::Scenario, sensors::moving_base::MovingBaseConfig};
 use alight_transport::clock::steady_ns;
 use alight_uav::autopilot::modes::Firmware;
 use alight_usv::sensors::SourceConfig;
@@ -20,9 +22,13 @@ use rustix::fs::{FileType, Mode, mknodat};
 use toml::{Table, Value};
 
 use super::args::RehearseArgs;
-use crate::args::AutopilotArg;
-use crate::live::config::{AT_SEA, AutopilotKind, Devices, SimulatedWorld, free_port};
-use crate::live::serial_lines::assigned;
+use crate::{
+    args::AutopilotArg,
+    live::{
+        config::{AT_SEA, AutopilotKind, Devices, SimulatedWorld, free_port},
+        serial_lines::assigned,
+    },
+};
 
 const SHIPPED_VESSEL: &str = include_str!("../../../../vessel/vessel.toml");
 const SHIPPED_DRONE: &str = include_str!("../../../../drone/drone.toml");

@@ -2,8 +2,10 @@ use std::path::Path;
 
 use alight_computer::record::flight::store;
 
-use super::files::RehearsalPlan;
-use super::list::{self, CheckList};
+use super::{
+    files::RehearsalPlan,
+    list::{self, CheckList},
+};
 
 /// Adds the newest flight of each computer whose file names a directory.
 pub fn show(plan: &RehearsalPlan, list: &mut CheckList) {

@@ -12,35 +12,51 @@ mod flights;
 mod list;
 mod observations;
 
-use std::path::PathBuf;
-use std::process::{Child, Output};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::{
+    path::PathBuf,
+    process::{Child, Output},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::process::instance::is_running;
-use alight_computer::process::life::end_with_supervisor;
-use alight_computer::process::observer::{InstanceFollower, Observer};
-use alight_computer::process::scheduling;
-use alight_computer::process::supervisor::pause;
-use alight_computer::situation::ObservedSituation;
-use alight_computer::terminal;
-use alight_computer::vessel::deck_file;
-use alight_shared::msg::{ReasonCode, State};
-use alight_shared::process::ProcessKind;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory};
-use alight_transport::signal::{Signal, signal};
-use alight_transport::wake::end_requested;
+use alight_computer::{
+    exit::{CliError, Doing, Exit},
+    process::{
+        instance::is_running,
+        life::end_with_supervisor,
+        observer::{InstanceFollower, Observer},
+        scheduling,
+        supervisor::pause,
+    },
+    situation::ObservedSituation,
+    terminal,
+    vessel::deck_file,
+};
+use alight_shared::{
+    msg::{ReasonCode, State},
+    process::ProcessKind,
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory},
+    signal::{Signal, signal},
+    wake::end_requested,
+};
 use serde::Serialize;
 
-use self::args::RehearseArgs;
-use self::files::RehearsalPlan;
-use self::list::{CheckList, CheckRow};
-use crate::live::fault::{FaultInput, LiveAct, LiveFault};
-use crate::live::service::{READY_S, Service, command};
-use crate::live::world::{CONTACT, Landed, SENSING, TooSlow, WorldReport};
+use self::{
+    args::RehearseArgs,
+    files::RehearsalPlan,
+    list::{CheckList, CheckRow},
+};
+use crate::live::{
+    fault::{FaultInput, LiveAct, LiveFault},
+    service::{READY_S, Service, command},
+    world::{CONTACT, Landed, SENSING, TooSlow, WorldReport},
+};
 
 const POLL: Duration = Duration::from_millis(20);
 /// Time limit after the world's start for the simulated sensors' first data, s.

@@ -1,12 +1,16 @@
 //! Rows of the check list from the state of vessel, drone and simulated world.
 
 use alight_computer::situation::{ObservedSituation, SourceHealth};
-use alight_shared::metrics::{MetricName, MetricValue};
-use alight_shared::process::ProcessKind;
-use alight_shared::topics;
+use alight_shared::{
+    metrics::{MetricName, MetricValue},
+    process::ProcessKind,
+    topics,
+};
 
-use super::list::{self, CheckList};
-use super::{Rehearsal, flights};
+use super::{
+    Rehearsal, flights,
+    list::{self, CheckList},
+};
 
 impl Rehearsal<'_> {
     /// Shows each sensor with the rate at which the estimator used it since `before`.

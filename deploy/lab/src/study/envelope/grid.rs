@@ -1,7 +1,9 @@
 //! Grid of an envelope: its conditions, and the result of each cell.
 
-use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{at_most_95, successes_to_show, wilson};
+use alight_sim::{
+    physics::sea::SeaConfig,
+    studies::statistics::{at_most_95, successes_to_show, wilson},
+};
 use serde_json::{Value, json};
 
 use crate::args::EnvelopeArgs;

@@ -2,9 +2,11 @@
 //! and wind for the probability of staying that the mission requires.
 
 use alight_computer::exit::{CliError, Doing};
-use alight_shared::apparent_slope::{ApparentSlope, RATE_HZ};
-use alight_shared::landing::{Slopes, WindPush, needed_hold_n};
-use alight_shared::msg::{DeckForecast, SLOPE_WINDOW_S, SLOPE_WINDOWS};
+use alight_shared::{
+    apparent_slope::{ApparentSlope, RATE_HZ},
+    landing::{Slopes, WindPush, needed_hold_n},
+    msg::{DeckForecast, SLOPE_WINDOW_S, SLOPE_WINDOWS},
+};
 use alight_sim::harness::physics::{Physics, TICK};
 use nalgebra::Vector2;
 

@@ -4,23 +4,27 @@
 mod grid;
 mod hold;
 
-use std::collections::BTreeSet;
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::table::{Cell, Table};
-use alight_computer::terminal::{note, wrapped};
-use alight_sim::harness::outcome::Outcome;
-use alight_sim::physics::sea::SeaConfig;
-use alight_sim::studies::statistics::{FailureCount, Summary, at_most_95};
+use alight_computer::{
+    exit::{CliError, Exit},
+    table::{Cell, Table},
+    terminal::{note, wrapped},
+};
+use alight_sim::{
+    harness::outcome::Outcome,
+    physics::sea::SeaConfig,
+    studies::statistics::{FailureCount, Summary, at_most_95},
+};
 use serde_json::{Value, json};
 
-use super::result::StudyResult;
-use super::rows::StudyRow;
-use super::run::{self, GridRun, write_files};
-use super::table::replay_command;
-use crate::args::EnvelopeArgs;
-use crate::scene::Scene;
+use super::{
+    result::StudyResult,
+    rows::StudyRow,
+    run::{self, GridRun, write_files},
+    table::replay_command,
+};
+use crate::{args::EnvelopeArgs, scene::Scene};
 use grid::{EnvelopeCell, EnvelopeGrid};
 
 const STUDY: &str = "# alight envelope\n";
@@ -223,8 +227,7 @@ fn unsafe_landings(out: &Path, rows: &[StudyRow], outcomes: &[Outcome]) -> Vec<S
 
 #[cfg(test)]
 mod tests {
-    use super::grid::Class;
-    use super::*;
+    use super::{grid::Class, *};
     use crate::args::typed;
 
     fn args(arguments: &str) -> EnvelopeArgs {

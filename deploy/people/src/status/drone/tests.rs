@@ -1,16 +1,19 @@
 use super::*;
 use crate::status::Status;
-use alight_computer::exit::Exit;
-use alight_computer::process::snapshot::Newest;
-use alight_computer::process::snapshot::Snapshot;
-use alight_shared::autopilot_parameters::Maker;
-use alight_shared::msg::{
-    ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DeckStage, DroneState, Header, LinkState,
-    MissionSettings, Reason, RelativeState, Seq, WaveModel,
+use alight_computer::{
+    exit::Exit,
+    process::snapshot::{Newest, Snapshot},
 };
-use alight_shared::plain::Plain;
-use alight_shared::process::ProcessState;
-use alight_shared::time::DroneClock;
+use alight_shared::{
+    autopilot_parameters::Maker,
+    msg::{
+        ComputerReport, DeckDimensions, DeckForecast, DeckGrant, DeckStage, DroneState, Header, LinkState,
+        MissionSettings, Reason, RelativeState, Seq, WaveModel,
+    },
+    plain::Plain,
+    process::ProcessState,
+    time::DroneClock,
+};
 use alight_uav::computer::PROCESSES;
 
 const NOW_NS: i64 = 100_000_000_000;

@@ -1,11 +1,13 @@
-use alight_shared::admission::AccessRejection;
-use alight_shared::metrics::Metric;
-use alight_shared::msg::{
-    Certificate, ComputerReport, EstimatorStatus, FollowsAnother, Header, Line, Names, Reason, ReasonCode,
-    Seq, SourceReport, Starved, State,
+use alight_shared::{
+    admission::AccessRejection,
+    metrics::Metric,
+    msg::{
+        Certificate, ComputerReport, EstimatorStatus, FollowsAnother, Header, Line, Names, Reason,
+        ReasonCode, Seq, SourceReport, Starved, State,
+    },
+    process::ProcessState,
+    time::Time,
 };
-use alight_shared::process::ProcessState;
-use alight_shared::time::Time;
 
 use super::*;
 use alight_computer::process::snapshot::{Newest, Snapshot};

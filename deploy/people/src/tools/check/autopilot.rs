@@ -1,23 +1,29 @@
 //! Reads the autopilot's parameters, origin and heights as the link does before a landing. Sends only heartbeats and
 //! requests.
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::drone::autopilot::Speakers;
-use alight_computer::io::byte_link::ByteLink;
-use alight_computer::io::{mavlink_key, runtime};
-use alight_shared::admission::Periodic;
-use alight_shared::mavlink::{self, MessageData as _, Signatures, dialect as m};
-use alight_shared::time::{DroneClock, Span, Time};
-use alight_transport::clock::steady_ns;
-use alight_uav::autopilot::message::{
-    AUTOPILOT_COMPONENT, Address, CommandLong, MavAutopilot, MavMessage as M, MavModeFlag, MavType,
-    MavlinkMessage, ParameterValue, heartbeat, text, version,
+use alight_computer::{
+    config::{DroneComputerConfig, link_url::LinkUrl},
+    drone::autopilot::Speakers,
+    io::{byte_link::ByteLink, mavlink_key, runtime},
 };
-use alight_uav::autopilot::modes::Firmware;
-use alight_uav::autopilot::parameters::Parameters;
-use alight_uav::autopilot::wire::{Decoder, Encoder};
-use alight_uav::pilot::Output;
+use alight_shared::{
+    admission::Periodic,
+    mavlink::{self, MessageData as _, Signatures, dialect as m},
+    time::{DroneClock, Span, Time},
+};
+use alight_transport::clock::steady_ns;
+use alight_uav::{
+    autopilot::{
+        message::{
+            AUTOPILOT_COMPONENT, Address, CommandLong, MavAutopilot, MavMessage as M, MavModeFlag, MavType,
+            MavlinkMessage, ParameterValue, heartbeat, text, version,
+        },
+        modes::Firmware,
+        parameters::Parameters,
+        wire::{Decoder, Encoder},
+    },
+    pilot::Output,
+};
 use tokio::time::{Instant, timeout_at};
 
 use crate::tools::check::facts::AutopilotReport;

@@ -1,19 +1,23 @@
 //! Image of a camera, taken in the same way as by the camera's process, or reported by that process.
 
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::time::Duration;
+use std::{
+    sync::mpsc::{SyncSender, sync_channel},
+    time::Duration,
+};
 
-use alight_computer::config::camera::CameraSource;
-use alight_computer::drone::camera_source::Images;
-use alight_computer::exit::CliError;
-use alight_shared::metrics::{MetricName, MetricValue};
-use alight_shared::process::ProcessState;
-use alight_shared::tags::Tags;
+use alight_computer::{config::camera::CameraSource, drone::camera_source::Images, exit::CliError};
+use alight_shared::{
+    metrics::{MetricName, MetricValue},
+    process::ProcessState,
+    tags::Tags,
+};
 use alight_transport::clock::{ProcessClock, steady_ns};
-use alight_uav::camera::detector::TagDetector;
-use alight_uav::camera::foreign_tags::ForeignTags;
-use alight_uav::camera::metering::{Light, Setting};
-use alight_uav::camera::{ImageLight, TagSettings};
+use alight_uav::camera::{
+    ImageLight, TagSettings,
+    detector::TagDetector,
+    foreign_tags::ForeignTags,
+    metering::{Light, Setting},
+};
 
 use crate::tools::check::facts::CameraImages;
 
@@ -118,16 +122,21 @@ pub fn reported(process: &ProcessState) -> CameraImages {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_shared::frames::{DroneBody, Point, Vector};
-    use alight_shared::geometry::DeckGeometry;
-    use alight_shared::metrics::Metric;
-    use alight_shared::msg::Seq;
-    use alight_shared::tags::ForeignTag;
-    use alight_shared::time::Time;
-    use alight_sim::physics::body::RigidState;
-    use alight_sim::physics::streams::Streams;
-    use alight_sim::sensors::camera::{CameraMount, body_from_camera};
-    use alight_sim::sensors::render::{RenderConfig, Renderer, Shot};
+    use alight_shared::{
+        frames::{DroneBody, Point, Vector},
+        geometry::DeckGeometry,
+        metrics::Metric,
+        msg::Seq,
+        tags::ForeignTag,
+        time::Time,
+    };
+    use alight_sim::{
+        physics::{body::RigidState, streams::Streams},
+        sensors::{
+            camera::{CameraMount, body_from_camera},
+            render::{RenderConfig, Renderer, Shot},
+        },
+    };
     use alight_uav::camera::GreyImage;
     use nalgebra::Vector3;
 

@@ -1,17 +1,21 @@
 //! Equipment class of the vessel by its sensors, and fit of the drone on its deck. `docs/envelope.md` has the tables.
 
 use alight_computer::config::DroneComputerConfig;
-use alight_shared::geometry::{DeckGeometry, DroneGeometry};
-use alight_shared::msg::DeckDimensions;
-use alight_shared::tags::are_anybodys;
-use alight_uav::camera::layout;
-use alight_uav::mission_config::MissionConfig;
-use alight_uav::settings::DroneSettings;
+use alight_shared::{
+    geometry::{DeckGeometry, DroneGeometry},
+    msg::DeckDimensions,
+    tags::are_anybodys,
+};
+use alight_uav::{camera::layout, mission_config::MissionConfig, settings::DroneSettings};
 
-use crate::explain::advice;
-use crate::status::finding::{Finding, FindingTopic};
-use crate::tools::check::facts::{CameraImages, SourceCheck};
-use crate::tools::check::received::{KindStatistics, SensorStatistics};
+use crate::{
+    explain::advice,
+    status::finding::{Finding, FindingTopic},
+    tools::check::{
+        facts::{CameraImages, SourceCheck},
+        received::{KindStatistics, SensorStatistics},
+    },
+};
 
 /// Rate below which a receiver counts as a plotter's, Hz: between 1 Hz and the 4 or 5 Hz of receivers for autopilots.
 const SLOW_HZ: f64 = 2.5;

@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use alight_computer::situation::SourceHealth;
-use alight_computer::subject::Computer;
-use alight_shared::autopilot_parameters::Parameter;
-use alight_shared::geodesy::Datum;
-use alight_shared::mavlink::Signatures;
-use alight_shared::msg::{Certificate, DeckDimensions, Reason, RelativeState, SourceStatus};
-use alight_shared::tags::ForeignTag;
-use alight_uav::autopilot::receiver::RelativeReport;
-use alight_uav::camera::metering::Setting;
+use alight_computer::{situation::SourceHealth, subject::Computer};
+use alight_shared::{
+    autopilot_parameters::Parameter,
+    geodesy::Datum,
+    mavlink::Signatures,
+    msg::{Certificate, DeckDimensions, Reason, RelativeState, SourceStatus},
+    tags::ForeignTag,
+};
+use alight_uav::{autopilot::receiver::RelativeReport, camera::metering::Setting};
 use alight_usv::sensors::Remark;
 
 use crate::tools::check::received::SensorStatistics;

@@ -1,40 +1,46 @@
-use std::fs::{self, OpenOptions};
-use std::io::ErrorKind;
-use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::time::Duration;
-
-use alight_computer::certificates;
-use alight_computer::config::camera::CameraSource;
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::config::method;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::{CliError, Doing};
-use alight_computer::io::digital_line::DigitalLine;
-use alight_computer::io::mavlink_key;
-use alight_computer::process::flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG};
-use alight_computer::process::observer::Observer;
-use alight_computer::process::snapshot::Snapshot;
-use alight_computer::process::{instance, scheduling};
-use alight_computer::record::flight::store;
-use alight_computer::subject::Computer;
-use alight_computer::vessel::deck_inputs;
-use alight_shared::mavlink::Signatures;
-use alight_shared::process::ProcessKind;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Instance, Memory};
-use alight_transport::radio::{RadioConfig, TlsConfig};
-use alight_uav::camera::Lens;
-use alight_uav::camera::uvdar::Fisheye;
-
-use crate::tools::check::facts::{
-    CameraCheck, CheckFacts, ClockSync, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
-    SigningCheck,
+use std::{
+    fs::{self, OpenOptions},
+    io::ErrorKind,
+    net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket},
+    os::unix::fs::{FileTypeExt, PermissionsExt},
+    path::{Path, PathBuf},
+    process::Command,
+    time::Duration,
 };
-use crate::tools::check::received::SensorStatistics;
-use crate::tools::check::{autopilot, camera, receiver, sources};
+
+use alight_computer::{
+    certificates,
+    config::{DroneComputerConfig, VesselComputerConfig, camera::CameraSource, link_url::LinkUrl, method},
+    exit::{CliError, Doing},
+    io::{digital_line::DigitalLine, mavlink_key},
+    process::{
+        flight::{ATTITUDE_DEAD_TIME, ATTITUDE_LAG},
+        instance,
+        observer::Observer,
+        scheduling,
+        snapshot::Snapshot,
+    },
+    record::flight::store,
+    subject::Computer,
+    vessel::deck_inputs,
+};
+use alight_shared::{mavlink::Signatures, process::ProcessKind};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Instance, Memory},
+    radio::{RadioConfig, TlsConfig},
+};
+use alight_uav::camera::{Lens, uvdar::Fisheye};
+
+use crate::tools::check::{
+    autopilot, camera,
+    facts::{
+        CameraCheck, CheckFacts, ClockSync, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
+        SigningCheck,
+    },
+    received::SensorStatistics,
+    receiver, sources,
+};
 
 const TIMEOUT: Duration = Duration::from_secs(2);
 const OBSERVATION_TIME: Duration = Duration::from_millis(1500);

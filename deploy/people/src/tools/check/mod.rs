@@ -16,9 +16,11 @@ mod view;
 
 use std::path::{Path, PathBuf};
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::subject::{Computer, SHIPPED};
-use alight_computer::terminal::{self, Form};
+use alight_computer::{
+    exit::{CliError, Exit},
+    subject::{Computer, SHIPPED},
+    terminal::{self, Form},
+};
 use clap::Args;
 use serde_json::json;
 

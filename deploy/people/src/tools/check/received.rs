@@ -3,9 +3,11 @@
 
 use std::collections::BTreeMap;
 
-use alight_shared::estimation::median;
-use alight_shared::msg::SensorReadings;
-use alight_shared::time::{Time, VesselClock};
+use alight_shared::{
+    estimation::median,
+    msg::SensorReadings,
+    time::{Time, VesselClock},
+};
 
 /// Silence at the end after which a sensor counts as stopped, s; longer than the period of a 1 Hz sensor.
 const SILENT_S: f64 = 1.5;

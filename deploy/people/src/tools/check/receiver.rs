@@ -1,19 +1,19 @@
 //! The drone's own GNSS receiver, whose moving base is the vessel's receiver: as a running process reports it, or as
 //! received here.
 
-use alight_computer::config::DroneComputerConfig;
-use alight_computer::config::link_url::LinkUrl;
-use alight_computer::io::byte_link::ByteLink;
-use alight_computer::io::runtime;
-use alight_computer::process::snapshot::Snapshot;
-use alight_shared::metrics::MetricName;
-use alight_shared::msg::CarrierSolution;
-use alight_shared::process::ProcessKind;
+use alight_computer::{
+    config::{DroneComputerConfig, link_url::LinkUrl},
+    io::{byte_link::ByteLink, runtime},
+    process::snapshot::Snapshot,
+};
+use alight_shared::{metrics::MetricName, msg::CarrierSolution, process::ProcessKind};
 use alight_uav::autopilot::receiver::ReceiverDecoder;
 use tokio::time::{Duration, Instant, timeout_at};
 
-use crate::status::finding::{Finding, FindingTopic};
-use crate::tools::check::facts::{ReceiverCheck, ReceiverReport};
+use crate::{
+    status::finding::{Finding, FindingTopic},
+    tools::check::facts::{ReceiverCheck, ReceiverReport},
+};
 
 /// Time for which the receiver is read: two periods at 1 Hz, with a margin for a link that opens late.
 const LISTEN: Duration = Duration::from_millis(2500);

@@ -1,22 +1,30 @@
-use alight_computer::certificates::common_name;
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::subject::Computer;
-use alight_computer::vessel::deck_inputs;
-use alight_shared::autopilot_parameters::Severity;
-use alight_shared::geoid;
-use alight_shared::msg::{Reason, ReasonCode};
+use alight_computer::{
+    certificates::common_name, config::VesselComputerConfig, subject::Computer, vessel::deck_inputs,
+};
+use alight_shared::{
+    autopilot_parameters::Severity,
+    geoid,
+    msg::{Reason, ReasonCode},
+};
 use alight_transport::radio::RadioConfig;
 
-use crate::explain::advice;
-use crate::status::certificate;
-use crate::status::drone::frame;
-use crate::status::finding::{Finding, FindingTopic};
-use crate::status::sources::{self, remark};
-use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, CheckFacts, DeckInputCheck, Identity, Port, PortState, Reach, SharedMemory,
-    SigningCheck, SourceCheck,
+use crate::{
+    explain::advice,
+    status::{
+        certificate,
+        drone::frame,
+        finding::{Finding, FindingTopic},
+        sources::{self, remark},
+    },
+    tools::check::{
+        equipment,
+        facts::{
+            AutopilotReport, CameraCheck, CheckFacts, DeckInputCheck, Identity, Port, PortState, Reach,
+            SharedMemory, SigningCheck, SourceCheck,
+        },
+        receiver, view,
+    },
 };
-use crate::tools::check::{equipment, receiver, view};
 
 /// Shared memory of a drone's processes, bytes: 7 MB measured with `alight land`, plus viewers and the remains of a
 /// killed predecessor.

@@ -1,27 +1,23 @@
 //! The vessel's real sensors: those of a running process as it reports them, the others by a short reception.
 
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
+use std::{path::Path, sync::Arc, time::Duration};
 
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::io::byte_link::ByteLink;
-use alight_computer::io::byte_links::ByteLinks;
-use alight_computer::io::peer::Speaks;
-use alight_computer::io::runtime;
-use alight_computer::process::sealed;
-use alight_computer::process::snapshot::Snapshot;
-use alight_computer::situation::{ObservedSituation, SourceHealth};
-use alight_computer::vessel::sensors::{self, foreign_remark};
-use alight_shared::config;
-use alight_shared::msg::SourceStatus;
-use alight_shared::node::Node;
+use alight_computer::{
+    config::VesselComputerConfig,
+    io::{byte_link::ByteLink, byte_links::ByteLinks, peer::Speaks, runtime},
+    process::{sealed, snapshot::Snapshot},
+    situation::{ObservedSituation, SourceHealth},
+    vessel::sensors::{self, foreign_remark},
+};
+use alight_shared::{config, msg::SourceStatus, node::Node};
 use alight_transport::clock::steady_ns;
 use alight_usv::sensors::{SensorNode, SensorsIn, SourceConfig};
 use tokio::time::{Instant, timeout_at};
 
-use crate::tools::check::facts::SourceCheck;
-use crate::tools::check::received::{MeasurementSeries, SensorStatistics};
+use crate::tools::check::{
+    facts::SourceCheck,
+    received::{MeasurementSeries, SensorStatistics},
+};
 
 /// Time for which all sources are received, s: two periods of the slowest receivers, with a margin for a link that
 /// opens late.
@@ -140,8 +136,7 @@ async fn open(source: &SourceConfig) -> Result<ByteLink, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use alight_computer::process::facts::Facts;
-    use alight_computer::process::sealed::SealedConfig;
+    use alight_computer::process::{facts::Facts, sealed::SealedConfig};
     use alight_shared::msg::{SourceReport, VesselStatus};
 
     /// Configuration file of a vessel with sources of these names, each at a port without data.

@@ -1,41 +1,61 @@
 //! Tests of the rules with simulated facts, and of the gatherer on this computer.
 
-use std::net::UdpSocket;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::{
+    net::UdpSocket,
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::Duration,
+};
 
-use alight_computer::certificates;
-use alight_computer::config::{DroneComputerConfig, VesselComputerConfig};
-use alight_computer::exit::Exit;
-use alight_computer::io::mavlink_key;
-use alight_computer::situation::SourceHealth;
-use alight_computer::subject::Computer;
-use alight_computer::terminal::Form;
-use alight_shared::autopilot_parameters::Maker;
-use alight_shared::geodesy::Datum;
-use alight_shared::geometry::DroneGeometry;
-use alight_shared::mavlink::{Signatures, Signing};
-use alight_shared::msg::{Certificate, Reason, ReasonCode};
-use alight_shared::tags::ForeignTag;
-use alight_shared::time::Span;
-use alight_sim::autopilots::simulated::SimulatedAutopilot;
-use alight_sim::physics::drone::{AutopilotConfig, NavigationConfig, PlantState};
-use alight_sim::physics::streams::Streams;
+use alight_computer::{
+    certificates,
+    config::{DroneComputerConfig, VesselComputerConfig},
+    exit::Exit,
+    io::mavlink_key,
+    situation::SourceHealth,
+    subject::Computer,
+    terminal::Form,
+};
+use alight_shared::{
+    autopilot_parameters::Maker,
+    geodesy::Datum,
+    geometry::DroneGeometry,
+    mavlink::{Signatures, Signing},
+    msg::{Certificate, Reason, ReasonCode},
+    tags::ForeignTag,
+    time::Span,
+};
+use alight_sim::{
+    autopilots::simulated::SimulatedAutopilot,
+    physics::{
+        drone::{AutopilotConfig, NavigationConfig, PlantState},
+        streams::Streams,
+    },
+};
 use alight_transport::radio::TlsConfig;
-use alight_uav::autopilot::message::{CommandLong, MavCmd};
-use alight_uav::camera::metering::Setting;
+use alight_uav::{
+    autopilot::message::{CommandLong, MavCmd},
+    camera::metering::Setting,
+};
 use alight_usv::sensors::SourceConfig;
 
-use crate::status::finding::{Finding, FindingLevel};
-use crate::tools::check::facts::{
-    AutopilotReport, CameraCheck, CameraImages, CheckFacts, ClockSync, Identity, Port, PortState, Reach,
-    SharedMemory, SigningCheck,
+use crate::{
+    status::finding::{Finding, FindingLevel},
+    tools::check::{
+        CheckArgs, autopilot,
+        facts::{
+            AutopilotReport, CameraCheck, CameraImages, CheckFacts, ClockSync, Identity, Port, PortState,
+            Reach, SharedMemory, SigningCheck,
+        },
+        gather,
+        received::SensorStatistics,
+        rules::judge,
+        run, sources,
+    },
 };
-use crate::tools::check::received::SensorStatistics;
-use crate::tools::check::rules::judge;
-use crate::tools::check::{CheckArgs, autopilot, gather, run, sources};
 
 mod faults;
 

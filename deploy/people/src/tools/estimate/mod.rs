@@ -2,21 +2,28 @@
 
 mod show;
 
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
 
-use alight_computer::config::VesselComputerConfig;
-use alight_computer::exit::{CliError, Doing, Exit};
-use alight_computer::record::log::{Log, ReplayOrder};
-use alight_computer::record::reading::{contained, is_mcap};
-use alight_computer::terminal::{Form, note};
-use alight_shared::config;
-use alight_shared::msg::Decoded;
-use alight_usv::log::{self, LogError, MAX_MEASUREMENTS, SensorRecording};
-use alight_usv::review::{Review, SourceReview, review};
-use alight_usv::sensors::{Measurement, Mount};
-use alight_usv::{ComputerIn, VesselNodeConfig};
+use alight_computer::{
+    config::VesselComputerConfig,
+    exit::{CliError, Doing, Exit},
+    record::{
+        log::{Log, ReplayOrder},
+        reading::{contained, is_mcap},
+    },
+    terminal::{Form, note},
+};
+use alight_shared::{config, msg::Decoded};
+use alight_usv::{
+    ComputerIn, VesselNodeConfig,
+    log::{self, LogError, MAX_MEASUREMENTS, SensorRecording},
+    review::{Review, SourceReview, review},
+    sensors::{Measurement, Mount},
+};
 use clap::Args;
 
 use crate::tools::check::equipment::MIN_ATTITUDE_HZ;

@@ -1,11 +1,15 @@
 //! Text of the report, within 100 columns.
 
-use alight_computer::cells;
-use alight_computer::table::{Cell, Table, number};
-use alight_computer::terminal::wrap;
+use alight_computer::{
+    cells,
+    table::{Cell, Table, number},
+    terminal::wrap,
+};
 use alight_shared::frames::wrap_angle;
-use alight_usv::CourseOutlook;
-use alight_usv::review::{HORIZONS_S, Review};
+use alight_usv::{
+    CourseOutlook,
+    review::{HORIZONS_S, Review},
+};
 
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
     let heads = [

@@ -1,29 +1,36 @@
 //! Operator's command from ashore, through the vessel to one drone, with a receipt.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-use std::time::Duration;
-
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::life::draw_boot;
-use alight_computer::process::radio_keys::vessel_key;
-use alight_computer::{certificates, terminal};
-use alight_shared::admission::Retransmission;
-use alight_shared::config::{Check, Keys};
-use alight_shared::msg::{
-    Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
-    OperatorCommand, message_version,
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::Path,
+    time::Duration,
 };
-use alight_shared::time::{Span, SteadyClock, Time, VesselClock};
-use alight_shared::{topics, wire};
-use alight_transport::radio::{Publication, Radio, RadioConfig, Urgency};
-use alight_transport::wake::end_requested;
+
+use alight_computer::{
+    certificates,
+    exit::{CliError, Exit},
+    process::{life::draw_boot, radio_keys::vessel_key},
+    terminal,
+};
+use alight_shared::{
+    admission::Retransmission,
+    config::{Check, Keys},
+    msg::{
+        Charge, CommandKind, CommandProgress, CommandReceipt, DECK_CLOSED, DeckGrant, DroneStatus, Header,
+        OperatorCommand, message_version,
+    },
+    time::{Span, SteadyClock, Time, VesselClock},
+    topics, wire,
+};
+use alight_transport::{
+    radio::{Publication, Radio, RadioConfig, Urgency},
+    wake::end_requested,
+};
 use alight_usv::deck::MAX_DRONES;
 use serde_json::json;
 
 use super::{CommandArgs, POLL_PERIOD};
-use crate::status::finding::FindingLevel;
-use crate::status::vessel::drone;
+use crate::status::{finding::FindingLevel, vessel::drone};
 
 /// Timeout of a command from ashore, which opens a session and passes over two radio links.
 const MAX_POLLS_ASHORE: u32 = 240;

@@ -1,19 +1,23 @@
 //! `alight order deck-at`: sends an operator's position of the vessel to the predictor on this computer. If
 //! `mission.min_vessel` permits it, the drone then searches for the deck's tags there; it never lands without tags.
 
-use alight_computer::exit::{CliError, Exit};
-use alight_computer::process::life::draw_boot;
-use alight_computer::quantity::SECOND;
-use alight_computer::subject::commanded_drone;
-use alight_computer::terminal;
-use alight_shared::admission::Retransmission;
-use alight_shared::msg::{
-    BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, Message, VesselLevel,
+use alight_computer::{
+    exit::{CliError, Exit},
+    process::life::draw_boot,
+    quantity::SECOND,
+    subject::commanded_drone,
+    terminal,
 };
-use alight_shared::time::{DroneClock, SteadyClock, Time};
-use alight_shared::topics;
-use alight_transport::clock::steady_ns;
-use alight_transport::memory::{Publisher, Subscriber};
+use alight_shared::{
+    admission::Retransmission,
+    msg::{BeaconSource, DeckBeacon, DeckForecast, Header, MAX_BEACON_LASTS_S, Message, VesselLevel},
+    time::{DroneClock, SteadyClock, Time},
+    topics,
+};
+use alight_transport::{
+    clock::steady_ns,
+    memory::{Publisher, Subscriber},
+};
 use serde_json::json;
 
 use super::{CommandArgs, MAX_LASTING_S, POLL_PERIOD, join};

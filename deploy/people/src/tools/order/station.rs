@@ -2,8 +2,10 @@
 
 use std::ops::RangeInclusive;
 
-use alight_computer::exit::CliError;
-use alight_computer::quantity::{MINUTE, whole};
+use alight_computer::{
+    exit::CliError,
+    quantity::{MINUTE, whole},
+};
 use alight_shared::msg::{MAX_STATION_HEIGHT_M, MAX_STATION_M, MAX_STATION_MIN, Station};
 use clap::Args;
 

@@ -1,12 +1,13 @@
-use alight_shared::msg::{
-    AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
-    ReasonCode, Seq,
+use alight_shared::{
+    msg::{
+        AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
+        ReasonCode, Seq,
+    },
+    time::{DroneClock, Span},
 };
-use alight_shared::time::{DroneClock, Span};
 
 use super::*;
-use crate::status::finding::FindingLevel;
-use crate::status::{Figure, StateView};
+use crate::status::{Figure, StateView, finding::FindingLevel};
 
 /// Forecast of a vessel that heads east, with the deck at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {

@@ -1,10 +1,14 @@
 use super::*;
 use alight_shared::msg::ComputerReport;
-use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::{
+    io::{Read, Write},
+    net::TcpStream,
+};
 
-use alight_shared::msg::{MissionState, State as Phase};
-use alight_shared::time::Time;
+use alight_shared::{
+    msg::{MissionState, State as Phase},
+    time::Time,
+};
 
 use crate::status::{StateView, Status};
 use alight_computer::record::messages::Message;

@@ -1,11 +1,10 @@
-use alight_shared::frames::yaw_rotation;
-use alight_shared::geometry::GRAVITY;
+use alight_shared::{frames::yaw_rotation, geometry::GRAVITY};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::SimulatedFlight;
-use crate::autopilots::simulated::attitude::AttitudeSetPoint;
-use crate::autopilots::simulated::estimator::Estimate;
-use crate::autopilots::simulated::reference::PositionReference;
+use crate::autopilots::simulated::{
+    attitude::AttitudeSetPoint, estimator::Estimate, reference::PositionReference,
+};
 
 impl SimulatedFlight {
     /// PX4's `PositionControl`: position P, velocity PID with acceleration feed-forward, thrust vector,

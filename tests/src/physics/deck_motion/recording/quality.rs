@@ -245,8 +245,10 @@ fn fitted(knots: &Knots<'_>, values: &[f64], window: f64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use crate::physics::deck_motion::recording::{HEAVE, Recording};
-    use crate::physics::streams::Streams;
+    use crate::physics::{
+        deck_motion::recording::{HEAVE, Recording},
+        streams::Streams,
+    };
 
     fn heave(hz: f64, seconds: f64, mut f: impl FnMut(f64) -> f64) -> Recording {
         let mut text = String::from("t_s,roll_deg,pitch_deg,heave_m\n");

@@ -15,21 +15,29 @@ pub mod table;
 use core::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
-use alight_shared::config;
-use alight_shared::frames::{Point, Rotation, Vector, VesselBody};
-use alight_shared::time::{Span, Time, WorldTime};
+use alight_shared::{
+    config,
+    frames::{Point, Rotation, Vector, VesselBody},
+    time::{Span, Time, WorldTime},
+};
 use nalgebra::{Vector2, Vector3};
 use rand::RngExt;
 use thiserror::Error;
 
-use self::places::Places;
-use self::table::{DOFS, Response, ResponseAtFrequency, ResponseTable};
-use super::config::VesselConfig;
-use super::path::{MeanPath, PathPoint};
-use crate::physics::body::{RigidState, body_motion};
-use crate::physics::sea::{Sea, SeaComponent, sin_cos};
-use crate::physics::spline::Jet;
-use crate::physics::streams::Streams;
+use self::{
+    places::Places,
+    table::{DOFS, Response, ResponseAtFrequency, ResponseTable},
+};
+use super::{
+    config::VesselConfig,
+    path::{MeanPath, PathPoint},
+};
+use crate::physics::{
+    body::{RigidState, body_motion},
+    sea::{Sea, SeaComponent, sin_cos},
+    spline::Jet,
+    streams::Streams,
+};
 
 /// Built-in hulls: name, table, places. Computed by linear potential flow (panel method), with 6 to 12 % of
 /// critical roll damping added for viscosity.

@@ -1,8 +1,6 @@
 //! Deck, sensors and trim as measured by an installer, in a TOML file next to the response table.
 
-use alight_shared::config;
-use alight_shared::geometry::DeckGeometry;
-use alight_shared::tags::Tags;
+use alight_shared::{config, geometry::DeckGeometry, tags::Tags};
 use serde::{Deserialize, Serialize};
 
 use super::HullError;

@@ -1,7 +1,5 @@
-use super::table::COLUMNS;
-use super::*;
-use crate::physics::sea::SeaConfig;
-use crate::physics::vessel::VesselCourse;
+use super::{table::COLUMNS, *};
+use crate::physics::{sea::SeaConfig, vessel::VesselCourse};
 use alight_shared::geometry::GRAVITY;
 
 fn at(s: f64) -> WorldTime {
