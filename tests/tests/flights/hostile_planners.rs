@@ -94,7 +94,7 @@ fn hostile_planners_touch_nothing_beyond_the_limits() {
 
 #[test]
 #[ignore = "500 flights"]
-fn many_hostile_planners_touch_nothing_beyond_the_limits() {
+fn many_hostile_planners_within_the_limits() {
     for seed in 10_000..10_500 {
         land(seed);
     }

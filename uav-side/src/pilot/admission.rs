@@ -284,7 +284,7 @@ mod tests {
     use alight_shared::{geometry::DeckGeometry, msg::State, time::Time};
 
     #[test]
-    fn plans_that_the_drone_can_or_cannot_end_within_the_limits() {
+    fn plans_that_can_or_cannot_end_within_limits() {
         let drone = DroneGeometry::default();
         let header = header(1, Time::from_secs(5.0));
         let deck = forecast(header, |_| level([0.0, 0.0, -1.3]));

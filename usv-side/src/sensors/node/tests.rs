@@ -118,7 +118,7 @@ fn sensor_node_across_a_leap_second() {
 }
 
 #[test]
-fn sensor_node_of_a_heading_that_stands_still_while_the_boat_turns() {
+fn heading_that_stands_still_while_the_boat_turns() {
     // A rate of turn at 10 Hz is dated by its arrival, the heading at 2 Hz by the receiver's time.
     for swing in [3.0, 0.0] {
         let (mut n, mut used) = (node(1), 0);
