@@ -108,15 +108,12 @@ impl WindEstimator {
         let (x, _) = self.state?;
         Some((mean(&x) + gust(&x)).norm())
     }
-    /// Derivative by the wind of the acceleration of a drone that moves at `v`, 1/s.
-    pub(super) fn slope(&self, v: &Vector2<f64>) -> Option<Matrix2<f64>> {
-        let (x, _) = self.state?;
-        Some(drag(x[0].exp(), &(v - mean(&x))).1)
-    }
     /// Standard deviation of one axis of the gusts' acceleration on a drone that moves at `v`, m/s².
     pub(super) fn gust_sd(&self, v: &Vector2<f64>) -> Option<f64> {
+        let (x, _) = self.state?;
         let (wind, sd) = self.wind()?;
-        Some(self.slope(v)?.norm() * core::f64::consts::FRAC_1_SQRT_2 * TURBULENCE * wind.norm().hypot(sd))
+        let (_, slope) = drag(x[0].exp(), &(v - wind));
+        Some(slope.norm() * core::f64::consts::FRAC_1_SQRT_2 * TURBULENCE * wind.norm().hypot(sd))
     }
 }
 
