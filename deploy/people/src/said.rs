@@ -187,6 +187,8 @@ impl StepObserver for Statements {
         each_message(step, &mut |message| {
             if let Message::Command(order) = message {
                 self.order = Some(*order);
+                // The answer to an order is shown at once.
+                self.shown.1.clear();
             }
             self.board.message(t, &message);
         });
@@ -224,7 +226,8 @@ impl Statements {
         let words: String = sentence.filter(|c| !c.is_ascii_digit()).collect();
         let (state, shown, since_ns) = &self.shown;
         let differs = *shown != words;
-        let flickers = differs && *state == mission.state && t.nanos() - since_ns < WORDS_NS;
+        let is_first = shown.is_empty();
+        let flickers = differs && !is_first && *state == mission.state && t.nanos() - since_ns < WORDS_NS;
         if differs {
             self.shown = (mission.state, words, t.nanos());
         }

@@ -195,6 +195,8 @@ pub struct MissionNode {
     waited: WaitingTimes,
     /// Published reason for waiting, and the time since which it has this code.
     shown: (Reason, Time<DroneClock>),
+    /// Newest abort and newest other order at that time: an answer is published at once.
+    answered: [Option<[u32; 2]>; 2],
 
     /// Delay of a forced descent after the drone is first steady, and the resulting time.
     forced_descent: Option<(Span, Option<Time<DroneClock>>)>,
@@ -446,10 +448,14 @@ impl MissionNode {
         }
     }
 
-    /// Reason to publish: within one state its code changes at most once in [`SHOWN_S`], so that people can read it.
+    /// Reason to publish: within one state and without a new order its code changes at most once in [`SHOWN_S`], so that
+    /// people can read it.
     fn shown(&mut self, now: Time<DroneClock>, waiting: Reason) -> Reason {
         let (shown, at) = self.shown;
-        let entered = at < self.since;
+        let abort = self.commands.abort().map(|h| [h.boot, h.sequence]);
+        let orders = [abort, self.commands.order()];
+        let entered = at < self.since || orders != self.answered;
+        self.answered = orders;
         if entered || shown.code == waiting.code || (now - at).secs() >= SHOWN_S {
             let same = !entered && shown.code == waiting.code;
             self.shown = (waiting, if same { at } else { now });
