@@ -27,8 +27,10 @@ use crate::{
 };
 
 const PERIOD_NS: i64 = 200_000_000;
-/// Shortest time between two changes of words without a change of state, less one period, ns.
-const WORDS_NS: i64 = 1_000_000_000 - PERIOD_NS;
+/// Shortest time between two changes of words without a new state or order, less the time between two moments, ns.
+const WORDS_NS: i64 = 700_000_000;
+/// Boot and sequence of an order that the mission has received.
+type Echo = Option<[u32; 2]>;
 /// Maximum length of a warning that stops a landing and stands first, characters: two lines on a phone.
 const WARNING_CHARS: usize = 110;
 
@@ -175,9 +177,9 @@ pub struct Statements {
     order: Option<Command>,
     #[serde(skip)]
     due_ns: i64,
-    /// State and words of the large sentence, and the time of their last change, ns.
+    /// State, newest abort, and newest other order; words of the large sentence; the time of their last change, ns.
     #[serde(skip)]
-    shown: (State, String, i64),
+    shown: (Option<(State, Echo, Echo)>, String, i64),
     pub judged: u32,
     pub broken: Vec<BrokenStatement>,
 }
@@ -187,8 +189,6 @@ impl StepObserver for Statements {
         each_message(step, &mut |message| {
             if let Message::Command(order) = message {
                 self.order = Some(*order);
-                // The answer to an order is shown at once.
-                self.shown.1.clear();
             }
             self.board.message(t, &message);
         });
@@ -224,12 +224,12 @@ impl Statements {
         self.judged += 1;
         let sentence = drone.status.state.iter().flat_map(|s| s.sentence.chars());
         let words: String = sentence.filter(|c| !c.is_ascii_digit()).collect();
-        let (state, shown, since_ns) = &self.shown;
+        let event = Some((mission.state, mission.abort, mission.order));
+        let (before, shown, since_ns) = &self.shown;
         let differs = *shown != words;
-        let is_first = shown.is_empty();
-        let flickers = differs && !is_first && *state == mission.state && t.nanos() - since_ns < WORDS_NS;
-        if differs {
-            self.shown = (mission.state, words, t.nanos());
+        let flickers = differs && *before == event && t.nanos() - since_ns < WORDS_NS;
+        if differs || *before != event {
+            self.shown = (event, words, t.nanos());
         }
         // A vessel that no longer receives the drone says so instead.
         let received = !snapshot.mission.is_old(t.nanos());
