@@ -154,7 +154,9 @@ pub fn land(
     outcome.committed_harm = committed_harm;
     outcome.predictor = nodes.predictor.as_ref().map(|own| own.name().into());
     outcome.refused_plans = refused_s / rig.world.physics().time_since_start().secs();
-    if let Some(why) = refusal.filter(|_| !outcome.success) {
+    if let Some(why) = refusal
+        && !outcome.success
+    {
         outcome.reason += &format!("; plans not flown for {refused_s:.2} s, last because {why}");
     }
     for why in rig.world.drones()[0].own_failures() {

@@ -94,9 +94,10 @@ impl WindMonitor {
 
     fn observe_gusts(&mut self, dt: f64) {
         let known = self.air.wind().is_some_and(|(_, sd)| sd < KNOWN_SD_MPS);
-        let Some(speed) = self.air.speed().filter(|_| known) else {
+        let Some(speed) = self.air.speed() else { return };
+        if !known {
             return;
-        };
+        }
         let [before, greatest, age_s] = self.gusts;
         self.gusts = [before, greatest.max(speed), age_s + dt];
         if age_s > GUST_SPAN_S {

@@ -69,7 +69,7 @@ fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
         return motion::write(directory, &rows.rows, run.seed0, run.alone);
     }
     if let Some(record) = &args.verify {
-        return result::verify(record, &run, &rows.rows);
+        return run::verify(record, &run, &rows.rows);
     }
     let outcomes = run::fly_grid(&run, &rows.rows)?;
     let study = table::Study {

@@ -20,10 +20,7 @@ use alight_sim::{
 use alight_usv::computer::ComputerIn;
 use nalgebra::Vector3;
 
-use super::{
-    rows::StudyRow,
-    run::{file_stem, write_files},
-};
+use super::{result::write_files, rows::StudyRow, run::file_stem};
 
 const ABOUT: &str = "NAME.csv: true motion of the deck's centre every 0.02 s. roll_deg (starboard down), pitch_deg (bow up),
 heading_deg; heave_m (up), surge_m and sway_m (along and to starboard of the mean heading) about their means.

@@ -6,21 +6,16 @@ use std::{
 };
 
 use alight_computer::{
+    config::DroneFile,
     exit::{CliError, Doing},
-    terminal::{line, wrapped},
 };
 use alight_shared::wire;
-use alight_sim::harness::outcome::Outcome;
+use alight_sim::harness::{outcome::Outcome, scenario::NodeConfigs};
+use alight_uav::planner::PlannerKind;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    rows::StudyRow,
-    run::{GridRun, configuration_hash, write_files},
-};
-use crate::{
-    exec::{EXEC_MEASURED, command},
-    trials::{fly_seed, in_parallel, seeds},
-};
+use super::rows::StudyRow;
+use crate::exec::{EXEC_MEASURED, command};
 
 pub const RESULT_FILE: &str = "result.json";
 /// Maximum number of differences that a message names.
@@ -43,7 +38,7 @@ fn hash(text: &[u8]) -> String {
 }
 
 /// Name of a flight in the record.
-fn flight(scene: &str, planner: &str, seed: u64) -> String {
+pub fn flight(scene: &str, planner: &str, seed: u64) -> String {
     format!("{scene} of {planner}, seed {seed}")
 }
 
@@ -119,7 +114,7 @@ impl StudyResult {
     }
 
     /// Differences between this record and `other` that make their rows different experiments.
-    fn differences(&self, other: &StudyResult) -> Vec<String> {
+    pub fn differences(&self, other: &StudyResult) -> Vec<String> {
         let names: BTreeSet<_> = self.facts.keys().chain(other.facts.keys()).collect();
         let difference = |name: &String| {
             let values = [self, other].map(|r| r.facts.get(name));
@@ -163,49 +158,30 @@ impl StudyResult {
     }
 }
 
-/// `alight study NAME --verify result.json`: flies the record's trials of these rows and seeds again, and compares their
-/// digests.
-pub fn verify(path: &Path, run: &GridRun<'_>, rows: &[StudyRow]) -> Result<(), CliError> {
-    let record = StudyResult::read(path)?;
-    let mut work = Vec::new();
-    for row in rows {
-        for seed in seeds(run.seed0, run.trials)? {
-            let name = flight(&row.scenario, &row.planner, seed);
-            work.extend(
-                record
-                    .digests
-                    .get_key_value(&name)
-                    .map(|digest| (row, seed, digest)),
-            );
-        }
+/// Hash of the nodes' configuration without the planner's kind, the same for all rows of a table.
+pub fn configuration_hash(nodes: &NodeConfigs) -> String {
+    let mut drone = DroneFile {
+        bridge: nodes.bridge.clone(),
+        drone: nodes.drone.clone(),
+    };
+    drone.drone.planner.kind = PlannerKind::default();
+    let texts = [
+        toml::to_string(&nodes.vessel),
+        toml::to_string(&nodes.deck),
+        toml::to_string(&nodes.autopilot),
+        toml::to_string(&drone),
+    ];
+    let text = texts.map(Result::unwrap_or_default).concat();
+    format!("{:016x}", wire::hash_record(&text).unwrap_or_default())
+}
+
+pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
+    std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
+    for (name, text) in files {
+        let path = out.join(name);
+        std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
     }
-    for difference in run.result.differences(&record) {
-        line(wrapped(&format!("here and in the record, {difference}")));
-    }
-    let differ = in_parallel(run.jobs, "trials", &work, |(row, seed, (name, digest))| {
-        let flown = fly_seed((&row.world, &row.nodes), *seed, &row.scenario, false)?;
-        Ok(if flown.digest == **digest {
-            None
-        } else {
-            Some(*name)
-        })
-    })?;
-    let differ: Vec<&String> = differ.into_iter().flatten().collect();
-    let text = format!(
-        "{} of {} flights are those of the record, which has {} on {:?}",
-        work.len() - differ.len(),
-        work.len(),
-        record.digests.len(),
-        record.machines
-    );
-    if differ.is_empty() && !work.is_empty() {
-        line(text);
-        return Ok(());
-    }
-    Err(CliError(format!(
-        "{text}; here on {}; others: {differ:?}",
-        machine()
-    )))
+    Ok(())
 }
 
 /// Processor and number of threads of this computer.

@@ -9,20 +9,18 @@ use std::{
 
 use alight_computer::{
     config::{DroneFile, VesselComputerConfig, method},
-    exit::{CliError, Doing},
-    terminal::note,
+    exit::CliError,
+    terminal::{line, note, wrapped},
 };
-use alight_shared::wire;
 use alight_sim::{
-    harness::{outcome::Outcome, scenario::NodeConfigs, trial::Watch},
+    harness::{outcome::Outcome, trial::Watch},
     studies::statistics::wilson,
 };
 use alight_transport::wake::end_requested;
-use alight_uav::planner::PlannerKind;
 
 use super::{
     definition::Definition,
-    result::{RESULT_FILE, StudyResult},
+    result::{RESULT_FILE, StudyResult, flight, machine},
     rows::StudyRow,
     tasks,
 };
@@ -78,23 +76,6 @@ impl<'a> GridRun<'a> {
 /// First seed: the command line's, otherwise the study's.
 pub fn first_seed(args: &StudyArgs, definition: &Definition) -> u64 {
     args.seed0.or(definition.seed0).unwrap_or(1)
-}
-
-/// Hash of the nodes' configuration without the planner's kind, the same for all rows of a table.
-pub fn configuration_hash(nodes: &NodeConfigs) -> String {
-    let mut drone = DroneFile {
-        bridge: nodes.bridge.clone(),
-        drone: nodes.drone.clone(),
-    };
-    drone.drone.planner.kind = PlannerKind::default();
-    let texts = [
-        toml::to_string(&nodes.vessel),
-        toml::to_string(&nodes.deck),
-        toml::to_string(&nodes.autopilot),
-        toml::to_string(&drone),
-    ];
-    let text = texts.map(Result::unwrap_or_default).concat();
-    format!("{:016x}", wire::hash_record(&text).unwrap_or_default())
 }
 
 fn rows_file(out: &Path) -> PathBuf {
@@ -210,13 +191,49 @@ fn prepare(args: &GridRun<'_>, out: &Path, rows: &[StudyRow]) -> Result<(), CliE
     result.write(out, &[])
 }
 
-pub fn write_files(out: &Path, files: &[(&str, String)]) -> Result<(), CliError> {
-    std::fs::create_dir_all(out).doing(format_args!("making {}", out.display()))?;
-    for (name, text) in files {
-        let path = out.join(name);
-        std::fs::write(&path, text).doing(format_args!("writing {}", path.display()))?;
+/// `alight study NAME --verify result.json`: flies the record's trials of these rows and seeds again, and compares their
+/// digests.
+pub fn verify(path: &Path, run: &GridRun<'_>, rows: &[StudyRow]) -> Result<(), CliError> {
+    let record = StudyResult::read(path)?;
+    let mut work = Vec::new();
+    for row in rows {
+        for seed in seeds(run.seed0, run.trials)? {
+            let name = flight(&row.scenario, &row.planner, seed);
+            work.extend(
+                record
+                    .digests
+                    .get_key_value(&name)
+                    .map(|digest| (row, seed, digest)),
+            );
+        }
     }
-    Ok(())
+    for difference in run.result.differences(&record) {
+        line(wrapped(&format!("here and in the record, {difference}")));
+    }
+    let differ = in_parallel(run.jobs, "trials", &work, |(row, seed, (name, digest))| {
+        let flown = fly_seed((&row.world, &row.nodes), *seed, &row.scenario, false)?;
+        Ok(if flown.digest == **digest {
+            None
+        } else {
+            Some(*name)
+        })
+    })?;
+    let differ: Vec<&String> = differ.into_iter().flatten().collect();
+    let text = format!(
+        "{} of {} flights are those of the record, which has {} on {:?}",
+        work.len() - differ.len(),
+        work.len(),
+        record.digests.len(),
+        record.machines
+    );
+    if differ.is_empty() && !work.is_empty() {
+        line(text);
+        return Ok(());
+    }
+    Err(CliError(format!(
+        "{text}; here on {}; others: {differ:?}",
+        machine()
+    )))
 }
 
 pub fn file_stem(scenario: &str) -> String {

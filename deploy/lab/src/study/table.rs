@@ -24,9 +24,9 @@ use serde_json::{Map, Value, json};
 
 use super::{
     definition::{Definition, PublishedResult},
-    result::StudyResult,
+    result::{StudyResult, write_files},
     rows::{Rows, StudyRow},
-    run::{self, write_files},
+    run,
 };
 use crate::{
     args::StudyArgs,

@@ -6,7 +6,7 @@ use alight_shared::{
 };
 use serde::Serialize;
 
-use super::{Figure, go::descends, vessel::LOST_CONTACT_S};
+use super::{Figure, LOST_CONTACT_S, go::descends};
 
 /// Minimum speed for a course over ground to be shown, m/s.
 const STILL_MPS: f64 = 0.3;
@@ -119,11 +119,11 @@ fn wind_from_bow(air: Option<Air>, heading_deg: f64, knots: bool) -> (Option<f64
     let Some(air) = air else {
         return (None, "wind unknown".into());
     };
-    let (blows, sd_mps) = (Wind::towards(air.wind), air.sd_mps);
+    let blows = Wind::towards(air.wind);
     if wind(blows, false) == CALM {
         return (None, CALM.into());
     }
-    if blows.speed_mps < 2.0 * sd_mps {
+    if blows.speed_mps < 2.0 * air.sd_mps {
         return (None, "light wind from no certain direction".into());
     }
     let from = from_bow(blows.from_deg as f64, heading_deg);

@@ -219,8 +219,10 @@ const DOUBTED: f64 = 0.02;
 /// Finding on a battery that is too low for the flight to the deck and one attempt.
 /// Alarm if deck and wind pull a landed drone along the deck with more than its feet hold.
 fn parked(s: &ObservedSituation) -> Option<Finding> {
-    let landed = s.snapshot.mission.is_some_and(|m| m.state == State::Landed);
-    let forecast = s.snapshot.forecast.fresh(s.now_ns).filter(|_| landed)?;
+    if s.snapshot.mission.is_none_or(|m| m.state != State::Landed) {
+        return None;
+    }
+    let forecast = s.snapshot.forecast.fresh(s.now_ns)?;
     let holds = s.known.parked_friction?;
     let slope = |stage: &DeckStage| stage.euler[0].tan().hypot(stage.euler[1].tan());
     let steepest = forecast.stages.iter().map(slope).fold(0.0, f64::max);
@@ -231,8 +233,10 @@ fn parked(s: &ObservedSituation) -> Option<Finding> {
         100.0 * pull,
         100.0 * holds
     );
-    (pull > holds)
-        .then(|| FindingTopic("deck").broken(found, "lash it down, or turn the boat into the waves"))
+    if pull <= holds {
+        return None;
+    }
+    Some(FindingTopic("deck").broken(found, "lash it down, or turn the boat into the waves"))
 }
 
 fn battery_low(s: &ObservedSituation) -> Option<Finding> {

@@ -70,6 +70,8 @@ impl Figure {
     }
 }
 
+/// Silence after which a drone is out of reach, s; drones report at 2 Hz.
+pub const LOST_CONTACT_S: f64 = 5.0;
 pub const ARMED_REMEDY: &str = "keep clear of its rotors";
 
 fn processes(s: &ObservedSituation) -> Option<Figure> {

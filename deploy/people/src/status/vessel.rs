@@ -16,16 +16,13 @@ use alight_shared::{
 use alight_usv::sensors::UNWITNESSED;
 
 use super::{
-    ARMED_REMEDY, Figure, StateView, certificate, compass, course,
+    ARMED_REMEDY, Figure, LOST_CONTACT_S, StateView, certificate, compass, course,
     finding::{Finding, FindingLevel, FindingTopic},
     go,
     go::Go,
     processes,
     sources::{self, MISSING_S, estimator, source},
 };
-
-/// Silence after which a drone is out of reach, s; drones report at 2 Hz.
-pub const LOST_CONTACT_S: f64 = 5.0;
 
 pub fn findings(s: &ObservedSituation, known: &VesselReport, status: &VesselStatus) -> Vec<Finding> {
     let sources = s.sources();

@@ -16,10 +16,10 @@ use alight_shared::frames::{DroneNed, Vector};
 use serde_json::{Value, json};
 
 use alight_people::status::{
-    Status,
+    LOST_CONTACT_S, Status,
     finding::{Finding, FindingLevel},
     go::Go,
-    vessel::{LOST_CONTACT_S, own_go},
+    vessel::own_go,
 };
 
 /// Minimum time between updates of a text whose numbers change, ns.

@@ -229,8 +229,8 @@ impl StormWatch {
             .or_else(|| self.standing(rig, k, &scene))
             .or_else(|| self.orders(rig, k, &scene))
             .or_else(|| self.places(rig, k, &scene));
-        let broken = self.estimates(rig, k).filter(|_| broken.is_none()).or(broken);
-        let (rule, figure) = broken?;
+        let estimates = self.estimates(rig, k);
+        let (rule, figure) = broken.or(estimates)?;
         Some(Violation {
             rule,
             t_s: rig.t_s(),

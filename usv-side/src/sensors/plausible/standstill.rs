@@ -344,7 +344,7 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
-    /// Sensors with the only value of a quantity, if no other one confirms or contradicts it, with its name.
+    /// Sensors whose value of a quantity is neither confirmed nor contradicted, with the name of the quantity.
     pub(crate) fn unwitnessed(&self) -> impl Iterator<Item = (usize, &'static str)> {
         let of_row = |(name, channel, is_witness): &Quantity| {
             let mut with = self.sensors.iter().enumerate().filter(|(_, s)| s.has(*channel));

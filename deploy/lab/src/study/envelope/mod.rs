@@ -19,9 +19,9 @@ use alight_sim::{
 use serde_json::{Value, json};
 
 use super::{
-    result::StudyResult,
+    result::{StudyResult, configuration_hash, write_files},
     rows::StudyRow,
-    run::{self, GridRun, write_files},
+    run::{self, GridRun},
     table::replay_command,
 };
 use crate::{args::EnvelopeArgs, scene::Scene};
@@ -139,7 +139,7 @@ pub fn run(args: &EnvelopeArgs, program: &str) -> Result<Exit, CliError> {
     let holds = hold::needed_n(&scenes, args.seed0, args.jobs)?;
     run::end_if_asked(&flights, outcomes.len(), outcomes.len());
     let cells = cells(&grid, &outcomes, &holds);
-    let hash = run::configuration_hash(&base.nodes);
+    let hash = configuration_hash(&base.nodes);
     let title = format!("Landing envelope of {boat}");
     let limits = by_direction(&grid, |state, from| grid.limit(&cells, state, from));
     let needed = by_direction(&grid, |state, from| grid.hold_n(&cells, state, from));
