@@ -525,6 +525,13 @@ pub struct StudyArgs {
     /// Motion of the first seed, from the beginning of the warm-up. No drone lands. README.txt names the columns.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["shard", "tasks", "out", "json", "csv", "within"])]
     pub motion: Option<PathBuf>,
+    /// Compare the drones' forecasts with the true decks
+    ///
+    /// RMS error and fraction within the stated 95 % at 0.5, 1, 2 and 3 s, in the frame of the drone's odometry, while it
+    /// sees the deck. ridge: regression on the true motion of two minutes; held: the forecast's present, unchanged. Rows
+    /// with --predictor are also flown with the drone's own one.
+    #[arg(long, conflicts_with_all = ["shard", "tasks", "motion", "verify", "out", "within"])]
+    pub forecasts: bool,
     /// Fly these rows again, and compare digests
     #[arg(long, value_name = "result.json", conflicts_with_all = ["shard", "tasks", "motion", "out", "json", "csv", "within"])]
     pub verify: Option<PathBuf>,

@@ -57,8 +57,8 @@ pub enum LabCommand {
 #[command(
     args_conflicts_with_subcommands = true,
     arg_required_else_help = true,
-    after_help = "`alight help study` describes the studies. A flag that an axis or every row sets keeps only\n\
-the matching rows, or overrides them; others hold for all."
+    after_help = "`alight help study` describes the studies. A flag that an axis or\n\
+every row sets keeps only the matching rows, or overrides them."
 )]
 pub struct StudiesArgs {
     #[command(flatten)]

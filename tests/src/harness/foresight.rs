@@ -105,14 +105,14 @@ impl Foresight {
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct OdometryError {
-    pub(super) position: Vector3<f64>,
-    pub(super) velocity: Vector3<f64>,
+pub(crate) struct OdometryError {
+    pub(crate) position: Vector3<f64>,
+    pub(crate) velocity: Vector3<f64>,
 }
 
 impl OdometryError {
     /// `truth` is at `now`, `drone` at its time of measurement.
-    pub(super) fn of(drone: &DroneState, now: DroneTime, truth: &RigidState<DroneBody>) -> Self {
+    pub(crate) fn of(drone: &DroneState, now: DroneTime, truth: &RigidState<DroneBody>) -> Self {
         let since = (now - drone.header.at).secs();
         let then = truth.velocity.0 - truth.acceleration.0 * since;
         let place = truth.position.0 - truth.velocity.0 * since;
@@ -124,7 +124,7 @@ impl OdometryError {
 }
 
 /// True state as a stage in a frame with this offset (m) and drift (m/s).
-pub(super) fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
+pub(crate) fn stage_of(truth: &RigidState<Deck>, offset: &Vector3<f64>, drift: &Vector3<f64>) -> DeckStage {
     let (roll, pitch, yaw) = truth.attitude.0.euler_angles();
     DeckStage {
         position: (truth.position.0 + offset).into(),

@@ -6,7 +6,7 @@ mod drone_computer;
 mod edge;
 pub mod errors;
 pub mod failing;
-mod foresight;
+pub(crate) mod foresight;
 pub mod link;
 pub mod mutant;
 pub mod observer;

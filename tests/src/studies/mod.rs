@@ -3,6 +3,7 @@
 pub mod aborts;
 pub mod estimator;
 pub mod fleet;
+pub mod forecasts;
 pub mod paired;
 pub mod prediction;
 pub mod splitting;

@@ -22,8 +22,7 @@ use crate::{
     node::{KINDS, SourceCounts, VesselNode},
     sensors::{Measurement, Readings},
 };
-use predictions::Predictions;
-pub use predictions::{HORIZONS_S, PredictionReview};
+pub use predictions::{HORIZONS_S, PredictionReview, Predictions};
 
 /// Step of the node, as in the vessel's process.
 const TICK: Span = Span::from_millis(10);
@@ -310,7 +309,12 @@ impl Evaluation {
         }
         if let Some(estimate) = &out.estimate {
             self.estimates += 1;
-            self.predictions.compare(estimate, level);
+            let at = estimate.header.at;
+            let eta = estimate.eta;
+            let [roll, pitch, heave] = [ROLL, PITCH, HEAVE].map(|d| f64::from(estimate.eta_dot[d]));
+            let motion = [eta[ROLL], eta[PITCH], eta[HEAVE] - level, roll, pitch, heave];
+            self.predictions.publish(at, motion);
+            self.predictions.compare(at, eta);
             if counted {
                 let [_, _, heave, roll, pitch, _] = estimate.eta;
                 self.motion.add([heave, roll, pitch]);
@@ -320,7 +324,8 @@ impl Evaluation {
             return;
         }
         if let Some(prediction) = &out.prediction {
-            self.predictions.push(prediction, level);
+            let predicted = |ahead_s| prediction.at(ahead_s);
+            self.predictions.push(prediction.header.at, predicted, level);
         }
         if let Some(wave) = &out.wave {
             self.waves += 1;

@@ -1,20 +1,20 @@
-//! Comparison of predictions with the node's later estimates, a ridge regression, and the last estimate held constant.
+//! Comparison of predictions with the later motion, a ridge regression, and the last motion held constant.
 
 use std::collections::VecDeque;
 
 use alight_shared::{
     frames::wrap_angle,
-    msg::{VesselEstimate, VesselPrediction},
-    time::{Span, VesselClock, VesselTime},
+    time::{Span, VesselTime},
 };
 use serde::Serialize;
 
-use super::ridge::{PublishedMotion, RefittedRidge};
+use super::ridge::{PublishedMotion, RefittedRidge, RollPitchHeave};
 
-pub const HORIZONS_S: [f64; 3] = [0.5, 1.0, 2.0];
+/// Horizons at which predictions are compared, s.
+pub const HORIZONS_S: [f64; 4] = [0.5, 1.0, 2.0, 3.0];
 const DOFS: [&str; 6] = ["north", "east", "heave", "roll", "pitch", "yaw"];
 const HEAVE: usize = 2;
-const MAX_PENDING: usize = 64;
+const MAX_PENDING: usize = 1024;
 const RIDGE_DOFS: [usize; 3] = [3, 4, HEAVE];
 /// Maximum time between two estimates for interpolation, s.
 const MAX_GAP_S: f64 = 0.2;
@@ -27,16 +27,16 @@ pub struct PredictionReview {
     pub unit: &'static str,
     pub count: u64,
     /// Root mean square difference from the later estimate, per horizon.
-    pub rms: [f64; 3],
+    pub rms: [f64; 4],
     /// RMS of a ridge regression on the estimates of the last two minutes; None without a prediction.
-    pub ridge_rms: [Option<f64>; 3],
+    pub ridge_rms: [Option<f64>; 4],
     /// RMS of holding the last estimate.
-    pub hold_rms: [f64; 3],
+    pub hold_rms: [f64; 4],
     /// Fraction of differences within 1.96 of the predicted standard deviation.
-    pub inside_95: [f64; 3],
+    pub inside_95: [f64; 4],
 }
 
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Pending {
     horizon: usize,
     due: VesselTime,
@@ -46,7 +46,7 @@ struct Pending {
     ridge: Option<[f64; 3]>,
 }
 
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     n: u64,
     squares: [f64; 6],
@@ -56,13 +56,14 @@ struct Sums {
     ridge_squares: [f64; 3],
 }
 
-#[derive(Default)]
-pub(super) struct Predictions {
+/// Predictions of a motion given as position north, east, down (m), roll, pitch, yaw (rad).
+#[derive(Debug, Default)]
+pub struct Predictions {
     pending: VecDeque<Pending>,
     last: Option<(VesselTime, [f64; 6])>,
     sums: [Sums; HORIZONS_S.len()],
     published: PublishedMotion,
-    /// Regression; None before the first estimate.
+    /// Regression; None before the first motion.
     ridge: Option<RefittedRidge>,
 }
 
@@ -71,20 +72,23 @@ fn difference(dof: usize, a: f64, b: f64) -> f64 {
 }
 
 impl Predictions {
-    /// Stores a prediction made with the mean water level at `level`, m down.
-    pub(super) fn push(&mut self, p: &VesselPrediction<VesselClock>, level: f64) {
-        let Some((held, _)) = p.at(0.0) else { return };
-        let ridge = self
-            .ridge
-            .as_mut()
-            .and_then(|r| r.predict(&self.published, p.header.at));
+    /// Stores a prediction made at `at` with the mean water level at `level`, m down: motion and its standard deviations
+    /// at a time ahead (s).
+    pub fn push(
+        &mut self,
+        at: VesselTime,
+        predicted: impl Fn(f64) -> Option<([f64; 6], [f64; 6])>,
+        level: f64,
+    ) {
+        let Some((held, _)) = predicted(0.0) else { return };
+        let ridge = self.ridge.as_mut().and_then(|r| r.predict(&self.published, at));
         for (horizon, h) in HORIZONS_S.iter().enumerate() {
-            if let Some((predicted, sd)) = p.at(*h)
+            if let Some((predicted, sd)) = predicted(*h)
                 && self.pending.len() < MAX_PENDING
             {
                 self.pending.push_back(Pending {
                     horizon,
-                    due: p.header.at + Span::from_secs(*h),
+                    due: at + Span::from_secs(*h),
                     predicted,
                     sd,
                     held,
@@ -96,16 +100,17 @@ impl Predictions {
             }
         }
     }
-    /// Compares due predictions with an estimate made with the mean water level at `level`, m down.
-    pub(super) fn compare(&mut self, estimate: &VesselEstimate<VesselClock>, level: f64) {
-        let at = estimate.header.at;
-        let eta = estimate.eta;
-        if self.last.is_none_or(|(before, _)| at > before) {
-            self.ridge
-                .get_or_insert_with(|| RefittedRidge::new(at, &HORIZONS_S));
-            self.published.push(estimate, level);
-            self.published.forget();
-        }
+
+    /// Adds a motion as published, for the regression.
+    pub fn publish(&mut self, at: VesselTime, motion: RollPitchHeave) {
+        self.ridge
+            .get_or_insert_with(|| RefittedRidge::new(at, &HORIZONS_S));
+        self.published.push_motion(at, motion);
+        self.published.forget();
+    }
+
+    /// Compares due predictions with the motion at `at`.
+    pub fn compare(&mut self, at: VesselTime, eta: [f64; 6]) {
         if let Some((before, was)) = self.last.replace((at, eta)) {
             let whole = (at - before).secs();
             let sums = &mut self.sums;
@@ -139,8 +144,24 @@ impl Predictions {
             });
         }
     }
+    /// Adds the comparisons of another run.
+    pub fn add(&mut self, other: &Predictions) {
+        for (sums, others) in self.sums.iter_mut().zip(&other.sums) {
+            sums.n += others.n;
+            sums.ridge += others.ridge;
+            for d in 0..6 {
+                sums.squares[d] += others.squares[d];
+                sums.held[d] += others.held[d];
+                sums.inside[d] += others.inside[d];
+            }
+            for k in 0..RIDGE_DOFS.len() {
+                sums.ridge_squares[k] += others.ridge_squares[k];
+            }
+        }
+    }
+
     /// Errors per degree of freedom; with heave if it is observable.
-    pub(super) fn reviews(&self, heave: bool) -> Vec<PredictionReview> {
+    pub fn reviews(&self, heave: bool) -> Vec<PredictionReview> {
         let count = self.sums.iter().map(|s| s.n).min().unwrap_or_default();
         if count == 0 {
             return Vec::new();

@@ -3,11 +3,7 @@
 //! Roll, pitch, heave and their rates at 24 lags over 5.6 s predict roll, pitch and heave one horizon ahead
 //! (Hoerl and Kennard 1970). The fit uses the last 120 s.
 
-use alight_shared::{
-    msg::VesselEstimate,
-    time::{Span, VesselClock, VesselTime},
-    vessel_model::{HEAVE, PITCH, ROLL},
-};
+use alight_shared::time::{Span, VesselTime};
 use nalgebra::{DMatrix, DVector};
 
 const STEP_S: f64 = 0.1;
@@ -37,22 +33,11 @@ pub struct PublishedMotion {
 }
 
 impl PublishedMotion {
-    /// Adds an estimate, later than its predecessors, with the mean water level (m down) at that time.
-    pub fn push(&mut self, e: &VesselEstimate<VesselClock>, level: f64) {
-        let rate = |d: usize| f64::from(e.eta_dot[d]);
-        self.push_motion(
-            e.header.at,
-            [
-                e.eta[ROLL],
-                e.eta[PITCH],
-                e.eta[HEAVE] - level,
-                rate(ROLL),
-                rate(PITCH),
-                rate(HEAVE),
-            ],
-        );
-    }
+    /// Adds a motion if it is later than its predecessors.
     pub fn push_motion(&mut self, at: VesselTime, motion: RollPitchHeave) {
+        if self.times.last().is_some_and(|last| at <= *last) {
+            return;
+        }
         self.times.push(at);
         self.values.push(motion);
     }

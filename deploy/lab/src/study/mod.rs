@@ -2,6 +2,7 @@
 
 pub mod definition;
 pub mod envelope;
+mod forecasts;
 mod motion;
 pub mod result;
 mod rows;
@@ -67,6 +68,9 @@ fn fly(args: &StudyArgs, name: &str, program: &str) -> Result<(), CliError> {
     }
     if let Some(directory) = &args.motion {
         return motion::write(directory, &rows.rows, run.seed0, run.alone);
+    }
+    if args.forecasts {
+        return forecasts::fly(args.form, &run, &rows.rows);
     }
     if let Some(record) = &args.verify {
         return run::verify(record, &run, &rows.rows);

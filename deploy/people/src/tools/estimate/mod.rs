@@ -1,6 +1,6 @@
 //! `alight estimate LOG`: runs the vessel's estimator over a recording of a boat.
 
-mod show;
+pub mod show;
 
 use std::{
     fs::File,

@@ -8,7 +8,7 @@ use alight_computer::{
 use alight_shared::frames::wrap_angle;
 use alight_usv::{
     CourseOutlook,
-    review::{HORIZONS_S, Review},
+    review::{HORIZONS_S, PredictionReview, Review},
 };
 
 fn courses(here: &CourseOutlook, all: &[CourseOutlook]) -> Table {
@@ -101,19 +101,19 @@ fn innovations(r: &Review) -> Table {
     table
 }
 
-/// Errors of the predictions by horizon, next to those of reference methods.
-fn predictions(r: &Review) -> Table {
+/// RMS errors of predictions by `model` at each horizon, next to those of reference methods.
+pub fn predictions(model: &str, reviews: &[PredictionReview]) -> Table {
     let heads = ["prediction", "", "by"].map(String::from);
     let heads = heads.into_iter().chain(HORIZONS_S.map(|h| format!("{h} s")));
     let mut table = Table::new(3.., heads.chain(["in 95 % (95)".into()]));
-    for p in &r.predictions {
+    for p in reviews {
         let digits = if p.unit == "m" { 3 } else { 2 };
         let cell = |v: Option<f64>| Cell::number(v, digits);
-        let [x, y, z] = p.inside_95.map(|v| 100.0 * v);
-        let inside = Cell::from(format_args!("{x:.0} {y:.0} {z:.0} %"));
+        let inside = p.inside_95.map(|v| format!("{:.0}", 100.0 * v)).join(" ");
+        let inside = Cell::from(format_args!("{inside} %"));
         let errors = p.rms.map(|v| cell(Some(v)));
         table.row(
-            cells![p.what, p.unit, "modes"]
+            cells![p.what, p.unit, model]
                 .into_iter()
                 .chain(errors)
                 .chain([inside]),
@@ -205,7 +205,7 @@ pub fn table(origin: &str, r: &Review) -> String {
     line(format!("from {:.0} s on:", r.evaluated_from_s));
     line(innovations(r).text());
     line(String::new());
-    line(predictions(r).text());
+    line(predictions("modes", &r.predictions).text());
     prediction_notes(r).into_iter().for_each(line);
     out
 }
