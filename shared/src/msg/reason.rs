@@ -175,8 +175,8 @@ reasons! {
     TooSteep { "deck tilts {v_deg:.1} deg (limit {l_deg:.1})" }
     /// Duration of steady flight above the deck so far, s.
     NotSteady { "steady for {v_two} s (needs {l_two})" }
-    /// Plan too old, or none found by the solver, s.
-    NoPlan { "no fresh plan for {v_two} s (limit {l_two})";
+    /// Plan too old, none found by the solver, or none admitted by the pilot, s.
+    NoPlan { "no fresh, admitted plan for {v_two} s (limit {l_two})";
         if v.is_infinite() => "no plan yet" }
     /// The drone left the cone above the deck, m.
     Deviated { "{v_two} m off the deck's centre (limit {l_two})" }

@@ -62,9 +62,24 @@ pub(crate) fn slide(v: &Vector2<f64>) -> Vector2<f64> {
     v * (STOPS_S + v.norm() / (2.0 * WET_FRICTION * GRAVITY))
 }
 
+/// Deck after `t` (s) at its present acceleration and angular rates.
+pub(crate) fn propagated(stage: &DeckStage, t: f64) -> DeckStage {
+    let p = stage.position;
+    let v = stage.velocity;
+    let a = stage.acceleration;
+    DeckStage {
+        position: core::array::from_fn(|i| p[i] + v[i] * t + 0.5 * a[i] * t * t),
+        velocity: core::array::from_fn(|i| v[i] + a[i] * t),
+        euler: core::array::from_fn(|i| stage.euler[i] + stage.euler_rates[i] * t),
+        ..*stage
+    }
+}
+
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DeckBelow {
     pub(crate) stage: DeckStage,
+    /// Deck from the forecast's first stage, its rates and acceleration, without the prediction.
+    pub(crate) measured: DeckStage,
     pub(crate) around: Surroundings,
     /// Height of the foot plane above the deck, along the deck's normal, m.
     pub(crate) clearance: f64,
@@ -84,13 +99,16 @@ impl DeckBelow {
         body: &Body,
         drone: &DroneGeometry,
     ) -> Option<DeckBelow> {
-        let stage = forecast.at(now.max(forecast.header.at))?;
+        let now = now.max(forecast.header.at);
+        let stage = forecast.at(now)?;
+        let first = forecast.stages.first()?;
         let to_deck = stage.rotation().transpose();
         let feet = body.position + body.attitude * Vector3::z() * drone.feet_below_m;
         let along = to_deck * (body.velocity - Vector3::from(stage.velocity));
         let rises = forecast.stages.iter().map(|s| stage.position[2] - s.position[2]);
         Some(DeckBelow {
             stage,
+            measured: propagated(first, (now - forecast.header.at).secs()),
             around: forecast.surroundings,
             clearance: stage.height_of(&body.position) - drone.feet_below_m,
             normal_speed: stage.speed_away(&body.velocity),

@@ -12,7 +12,7 @@ mod escape;
 mod hold;
 
 pub(crate) use action::{ContingencyAction, ContingencyInput, GOES_ON_WITHOUT_MISSION_S};
-pub(crate) use below::{Body, DeckBelow, LOST_OUTSIDE_M, NEAR_DECK_M, outside_m, slide};
+pub(crate) use below::{Body, DeckBelow, LOST_OUTSIDE_M, NEAR_DECK_M, outside_m, propagated, slide};
 pub(crate) use climb::{BELOW_M, Climb};
 pub(crate) use completion::Completion;
 pub(crate) use contact::HARD_MPS;

@@ -204,11 +204,18 @@ impl MissionNode {
         }
     }
 
-    /// Age of the newest feasible plan, s.
+    /// Age of the newest feasible plan, or the time since the pilot last admitted one, s.
     fn plan_age_s(&self, now: Time<DroneClock>) -> f64 {
-        match self.plan.get() {
-            Some(p) if p.solve != Solve::Infeasible => (now - p.header.at).secs(),
-            Some(_) | None => f64::INFINITY,
+        let Some(plan) = self.plan.get().filter(|p| p.solve != Solve::Infeasible) else {
+            return f64::INFINITY;
+        };
+        let age_s = (now - plan.header.at).secs();
+        match self.set_point.get() {
+            Some(flown) if flown.plan_refusal.is_some() => {
+                let refused_s = self.admitted_at.map_or(f64::INFINITY, |at| (now - at).secs());
+                refused_s.max(age_s)
+            }
+            Some(_) | None => age_s,
         }
     }
 

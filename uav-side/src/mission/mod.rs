@@ -172,6 +172,8 @@ pub struct MissionNode {
     autopilot: Latest<AutopilotState>,
     plan: Latest<Plan>,
     set_point: Latest<SetPoint>,
+    /// Time at which the pilot last refused no plan.
+    admitted_at: Option<Time<DroneClock>>,
     grant: Latest<DeckGrant<DroneClock>>,
     light: Latest<CameraLight>,
     commands: CommandAdmission<DroneClock>,
@@ -285,6 +287,9 @@ impl MissionNode {
         if let Some(m) = &input.set_point
             && self.set_point.offer(now, m)
         {
+            if m.plan_refusal.is_none() {
+                self.admitted_at = Some(now);
+            }
             self.tilt.update(m, self.drone.get());
             self.swing.update(m, self.drone.get());
         }

@@ -1,6 +1,6 @@
 use alight_shared::{
     config::parse,
-    msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanStage},
+    msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanRefusal, PlanStage},
     surroundings::KeepOut,
 };
 use nalgebra::Vector3;
@@ -181,6 +181,29 @@ fn waiting_and_leaving_among_volumes() {
     // The drone is clear of the vessel beyond 9 m (volumes) plus the drone's size and margin.
     assert!(state(8, &mut m, [9.9, 0.0, above[2]], None).with_deck);
     assert!(!state(9, &mut m, [10.2, 0.0, above[2]], None).with_deck);
+}
+
+#[test]
+fn age_of_plans_that_the_pilot_refuses() {
+    let mut m = node();
+    let mut age_s = |t: f64, refused: bool| {
+        let plan_refusal = refused.then(PlanRefusal::default);
+        let n = (t * 100.0) as u32;
+        let input = MissionIn {
+            set_point: Some(SetPoint {
+                header: header(n, at(t)),
+                plan_refusal,
+                ..SetPoint::default()
+            }),
+            ..fresh_input(n, at(t), [0.0, 0.0, -5.0])
+        };
+        m.step(at(t), &input);
+        m.situation(at(t)).plan_age_s
+    };
+    assert_eq!(age_s(1.0, true), f64::INFINITY);
+    assert_eq!(age_s(2.0, false), 0.0);
+    assert!((age_s(2.7, true) - 0.7).abs() < 1e-9);
+    assert_eq!(age_s(2.8, false), 0.0);
 }
 
 /// Drone that is always at the mission's target, with a pilot that stops the motors at the deck.

@@ -16,7 +16,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::Pilot;
 use crate::{
-    contingency::{Body, DeckBelow, outside_m},
+    contingency::{Body, DeckBelow, outside_m, propagated},
     surroundings::{WITH_DECK_M, in_deck},
 };
 
@@ -119,17 +119,6 @@ fn brakes(check: PlanCheck, closing: f64, left_m: f64, ends_mps: f64, mps2: f64)
     bounded(check, closing, (ends_mps.powi(2) + 2.0 * mps2 * left_m).sqrt())
 }
 
-/// Deck after `t` (s) at its present acceleration and angular rates.
-fn propagated(stage: &DeckStage, t: f64) -> DeckStage {
-    let [p, v, a] = [stage.position, stage.velocity, stage.acceleration];
-    DeckStage {
-        position: core::array::from_fn(|i| p[i] + v[i] * t + 0.5 * a[i] * t * t),
-        velocity: core::array::from_fn(|i| v[i] + a[i] * t),
-        euler: core::array::from_fn(|i| stage.euler[i] + stage.euler_rates[i] * t),
-        ..*stage
-    }
-}
-
 impl Pilot {
     /// Returns the newest plan if it is admitted, otherwise the last admitted one while it is recent and still passes.
     pub(super) fn admitted_plan(
@@ -175,7 +164,7 @@ impl Pilot {
             velocity.z -= drift.z * (1.0 - (-t / TRACKS_S).exp());
             stage.position = position.into();
             stage.velocity = velocity.into();
-            let deck = below.map(|b| (b, propagated(&b.stage, t)));
+            let deck = below.map(|b| (b, propagated(&b.measured, t)));
             let aside_m = |d: &DeckStage| (position - Vector3::from(d.position)).xy().norm();
             if let Some((below, deck)) = deck.filter(|(_, d)| aside_m(d) < WITH_DECK_M) {
                 self.stops_at_obstacles(&stage, &deck, below)?;
@@ -315,6 +304,12 @@ mod tests {
             let mission = mission(header, state, 0.5);
             let found = pilot.admit(header.at, &plan, &mission, &body, below.as_ref());
             assert_eq!(found.err().map(|r| r.check), expected, "{clearance} m: {found:?}");
+            // A predicted fall of the deck admits nothing more.
+            let now = header.at + Span::from_millis(100);
+            let falls = forecast(header, |t| level([0.0, 0.0, 20.0 * t - 1.3]));
+            let below = DeckBelow::of(now, &falls, &body, &drone);
+            let found = pilot.admit(now, &plan, &mission, &body, below.as_ref());
+            assert!(expected.is_none() || found.is_err(), "{clearance} m");
         }
     }
 }

@@ -51,7 +51,7 @@ pub struct PredictorInput<'a> {
 pub struct PredictorAnswer {
     /// Version of this format.
     pub version: u32,
-    /// Deck with standard deviations, at the times of the input's stages.
+    /// Deck with standard deviations, at the times of the input's stages. The first, the present, stays the drone's own.
     #[serde(default)]
     #[schemars(length(max = 41))]
     pub stages: Option<Vec<DeckStage>>,
@@ -67,7 +67,12 @@ impl PredictorAnswer {
         let answer: PredictorAnswer = parsed(line)?;
         of_version(answer.version, PREDICTOR_VERSION)?;
         let stages = match (answer.stages, answer.none) {
-            (Some(stages), None) => stages,
+            (Some(mut stages), None) => {
+                if let (Some(first), Some(measured)) = (stages.first_mut(), own.stages.first()) {
+                    *first = *measured;
+                }
+                stages
+            }
             (None, Some(why)) => return Ok(Err(why.chars().take(MAX_REASON).collect())),
             (None, None) | (Some(_), Some(_)) => {
                 return Err("answered with an invalid choice: give one of stages and none".into());
