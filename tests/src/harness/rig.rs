@@ -7,7 +7,7 @@ use super::{
     observer::{NoObserver, WorldObserver},
     physics::TICK,
     scenario::{NodeConfigs, Scenario, SetupError},
-    storm::{Effect, Fault, FaultKind},
+    storm::{Fault, FaultKind},
     world::World,
 };
 use crate::autopilots::simulated::SimulatedAutopilot;
@@ -96,19 +96,17 @@ impl Rig {
 
     /// Begins a fault. A lasting fault replaces all other lasting faults.
     pub fn begin(&mut self, kind: FaultKind, size: f64) {
-        match kind.effect() {
-            Effect::Events(begin, _) => begin(self, size),
-            Effect::Lasting(fail) => {
-                let mut failing = Failing::default();
-                fail(&mut failing, size);
-                self.world.fail(&failing);
-            }
+        kind.effect().begin(self, size);
+        if kind.effect().lasts() {
+            let mut failing = Failing::default();
+            kind.effect().apply(&mut failing, size);
+            self.world.fail(&failing);
         }
     }
     pub fn end(&mut self, kind: FaultKind, size: f64) {
-        match kind.effect() {
-            Effect::Events(_, end) => end(self, size),
-            Effect::Lasting(_) => self.world.fail(&Failing::default()),
+        kind.effect().end(self, size);
+        if kind.effect().lasts() {
+            self.world.fail(&Failing::default());
         }
     }
     pub fn restart_vessel(&mut self) {

@@ -21,8 +21,45 @@ pub enum Effect {
     Lasting(fn(&mut Failing, f64)),
     /// Called at the fault's start, and at its end.
     Events(fn(&mut Rig, f64), fn(&mut Rig, f64)),
+    /// Called at the fault's start.
+    Once(fn(&mut Rig, f64)),
+    /// The process is killed, and started at the fault's end.
+    Kills(ProcessKind),
+    /// The process is frozen while the fault lasts, and afterwards unaware of the elapsed time.
+    Freezes(ProcessKind),
 }
-use Effect::{Events, Lasting};
+use Effect::{Events, Freezes, Kills, Lasting, Once};
+
+impl Effect {
+    pub fn begin(self, rig: &mut Rig, size: f64) {
+        match self {
+            Events(begin, _) | Once(begin) => begin(rig, size),
+            Kills(ProcessKind::Vessel) => rig.restart_vessel(),
+            Kills(process) => rig.world.kill(0, process),
+            Lasting(_) | Freezes(_) => {}
+        }
+    }
+    pub fn end(self, rig: &mut Rig, size: f64) {
+        match self {
+            Events(_, end) => end(rig, size),
+            Kills(process) if process != ProcessKind::Vessel => rig.world.start(0, process, kept(size)),
+            Lasting(_) | Once(_) | Kills(_) | Freezes(_) => {}
+        }
+    }
+    /// Whether the effect is active while the fault lasts.
+    pub const fn lasts(self) -> bool {
+        matches!(self, Lasting(_) | Freezes(_))
+    }
+    /// Adds the effect of a fault that lasts.
+    pub fn apply(self, failing: &mut Failing, size: f64) {
+        match self {
+            Lasting(fail) => fail(failing, size),
+            Freezes(ProcessKind::Vessel) => failing.frozen.vessel = true,
+            Freezes(process) => failing.frozen.processes.push(process),
+            Events(..) | Once(_) | Kills(_) => {}
+        }
+    }
+}
 
 const LOST: ChannelFault = ChannelFault {
     loss: 1.0,
@@ -31,13 +68,6 @@ const LOST: ChannelFault = ChannelFault {
     doubled: 0.0,
 };
 
-const fn nothing(_: &mut Rig, _: f64) {}
-fn kill(rig: &mut Rig, process: ProcessKind) {
-    rig.world.kill(0, process);
-}
-fn start(rig: &mut Rig, process: ProcessKind, size: f64) {
-    rig.world.start(0, process, kept(size));
-}
 /// Checkpoints are lost if the size is 0.5 or more.
 fn kept(size: f64) -> Checkpoints {
     if size >= 0.5 {
@@ -80,6 +110,16 @@ macro_rules! effects {
         impl FaultKind {
             pub const fn effect(self) -> Effect {
                 match self { $(FaultKind::$kind => $effect,)* }
+            }
+            /// Process that the fault kills or freezes, if any.
+            pub const fn process(self) -> Option<ProcessKind> {
+                match self.effect() {
+                    Kills(process) | Freezes(process) => Some(process),
+                    Lasting(_) | Events(..) | Once(_) => None,
+                }
+            }
+            pub const fn freezes(self) -> bool {
+                matches!(self.effect(), Freezes(_))
             }
         }
     };

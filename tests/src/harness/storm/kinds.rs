@@ -2,7 +2,6 @@
 //! `effects.rs` reads the column of effects. This module does not depend on the world, because scenarios also
 //! contain faults.
 
-use alight_shared::process::ProcessKind;
 use serde::{Deserialize, Serialize};
 
 /// Capability that a fault takes from the drone; rules are excused while it is missing.
@@ -51,14 +50,6 @@ macro_rules! names {
                         | FaultKind::ComputerRebooted
                         | FaultKind::ComputerClockSteps
                 )
-            }
-            /// Process that the fault kills or freezes, if any.
-            pub fn process(self) -> Option<ProcessKind> {
-                STOPS.iter().find(|(kind, ..)| *kind == self).map(|(_, process, _)| *process)
-            }
-            /// Whether the process is frozen and afterwards unaware of the elapsed time.
-            pub fn freezes(self) -> bool {
-                STOPS.iter().any(|(kind, _, stop)| *kind == self && *stop == Stop::Freezes)
             }
             pub const fn empties(self) -> bool {
                 matches!(self, FaultKind::BatteryAt | FaultKind::BatterySags | FaultKind::BatteryReadsLow)
@@ -125,48 +116,24 @@ const WRONG: [f64; 2] = [2.0, 30.0];
 /// Duration of a force or moment on the vessel, s.
 const PUSH: [f64; 2] = [0.5, 15.0];
 
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Stop {
-    Dies,
-    Freezes,
-}
-use Stop::{Dies, Freezes};
-
-const STOPS: [(FaultKind, ProcessKind, Stop); 14] = [
-    (FaultKind::PredictorKilled, ProcessKind::Predictor, Dies),
-    (FaultKind::MissionKilled, ProcessKind::Mission, Dies),
-    (FaultKind::PlannerKilled, ProcessKind::Planner, Dies),
-    (FaultKind::PilotKilled, ProcessKind::Pilot, Dies),
-    (FaultKind::LinkKilled, ProcessKind::Autopilot, Dies),
-    (FaultKind::BridgeKilled, ProcessKind::Bridge, Dies),
-    (FaultKind::VesselRestarted, ProcessKind::Vessel, Dies),
-    (FaultKind::PredictorFrozen, ProcessKind::Predictor, Freezes),
-    (FaultKind::MissionFrozen, ProcessKind::Mission, Freezes),
-    (FaultKind::PlannerFrozen, ProcessKind::Planner, Freezes),
-    (FaultKind::PilotFrozen, ProcessKind::Pilot, Freezes),
-    (FaultKind::LinkFrozen, ProcessKind::Autopilot, Freezes),
-    (FaultKind::BridgeFrozen, ProcessKind::Bridge, Freezes),
-    (FaultKind::VesselFrozen, ProcessKind::Vessel, Freezes),
-];
-
 /// Passes the kinds to a macro with the columns name, meaning of the size, size, duration, lost capability, effect.
 #[rustfmt::skip]
 macro_rules! each_kind { ($with:ident) => { $with! {
     PredictorKilled, "predictor-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
-        Events(|r, _| kill(r, ProcessKind::Predictor), |r, size| start(r, ProcessKind::Predictor, size));
+        Kills(ProcessKind::Predictor);
     MissionKilled, "mission-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Nothing,
-        Events(|r, _| kill(r, ProcessKind::Mission), |r, size| start(r, ProcessKind::Mission, size));
+        Kills(ProcessKind::Mission);
     PlannerKilled, "planner-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| kill(r, ProcessKind::Planner), |r, _| start(r, ProcessKind::Planner, 0.0));
+        Kills(ProcessKind::Planner);
     PilotKilled, "pilot-killed", "", NONE, RESTART, Command,
-        Events(|r, _| kill(r, ProcessKind::Pilot), |r, _| start(r, ProcessKind::Pilot, 0.0));
+        Kills(ProcessKind::Pilot);
     LinkKilled, "link-killed", "1: without its checkpoint", CHECKPOINT, RESTART, Command,
-        Events(|r, _| kill(r, ProcessKind::Autopilot), |r, size| start(r, ProcessKind::Autopilot, size));
+        Kills(ProcessKind::Autopilot);
     /// The supervisor and all of the drone's processes are killed.
     ComputerKilled, "computer-killed", "1: without its checkpoints", CHECKPOINT, [0.3, 2.0], Command,
         Events(|r, _| r.world.kill_computer(0), |r, size| r.world.start_computer(0, kept(size)));
     BridgeKilled, "bridge-killed", "", NONE, RESTART, Nothing,
-        Events(|r, _| kill(r, ProcessKind::Bridge), |r, _| start(r, ProcessKind::Bridge, 0.0));
+        Kills(ProcessKind::Bridge);
     /// The drone's computer loses power and reboots; files on its disk remain, shared memory does not.
     ComputerRebooted, "computer-rebooted", "", NONE, [5.0, 20.0], Command,
         Events(|r, _| r.world.kill_computer(0), |r, _| {
@@ -174,33 +141,33 @@ macro_rules! each_kind { ($with:ident) => { $with! {
             r.world.start_computer(0, Checkpoints::Kept);
         });
     PredictorFrozen, "predictor-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Predictor));
+        Freezes(ProcessKind::Predictor);
     MissionFrozen, "mission-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Mission));
+        Freezes(ProcessKind::Mission);
     PlannerFrozen, "planner-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Planner));
+        Freezes(ProcessKind::Planner);
     PilotFrozen, "pilot-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Pilot));
+        Freezes(ProcessKind::Pilot);
     LinkFrozen, "link-frozen", "", NONE, FREEZE, Command,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Autopilot));
+        Freezes(ProcessKind::Autopilot);
     BridgeFrozen, "bridge-frozen", "", NONE, FREEZE, Nothing,
-        Lasting(|f, _| f.frozen.processes.push(ProcessKind::Bridge));
+        Freezes(ProcessKind::Bridge);
     PlannerSlow, "planner-slow", "later, s", [0.02, 0.4], [1.0, 30.0], Nothing,
         Lasting(|f, size| f.solve_s = size.max(0.0));
     ComputerFrozen, "computer-frozen", "", NONE, FREEZE, Command,
         Lasting(|f, _| f.frozen.computer = true);
     VesselFrozen, "vessel-frozen", "", NONE, [0.2, 10.0], Nothing,
-        Lasting(|f, _| f.frozen.vessel = true);
+        Freezes(ProcessKind::Vessel);
     VesselRestarted, "vessel-restarted", "", NONE, NONE, Nothing,
-        Events(|r, _| r.restart_vessel(), nothing);
+        Kills(ProcessKind::Vessel);
     VesselSuspended, "vessel-suspended", "", NONE, [0.2, 10.0], Nothing,
         Lasting(|f, _| (f.frozen.vessel, f.clock_rates[0]) = (true, -1.0));
     ComputerSuspended, "computer-suspended", "", NONE, FREEZE, Command,
         Lasting(|f, _| (f.frozen.computer, f.clock_rates[1]) = (true, -1.0));
     VesselClockSteps, "vessel-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
-        Events(|r, size| r.world.step_clock(None, Span::from_secs(size.max(0.0))), nothing);
+        Once(|r, size| r.world.step_clock(None, Span::from_secs(size.max(0.0))));
     ComputerClockSteps, "computer-clock-steps", "s ahead", [0.02, 5.0], NONE, Nothing,
-        Events(|r, size| r.world.step_clock(Some(0), Span::from_secs(size.max(0.0))), nothing);
+        Once(|r, size| r.world.step_clock(Some(0), Span::from_secs(size.max(0.0))));
     ClocksDrift, "clocks-drift", "parts per million", [-500.0, 500.0], [5.0, 60.0], Nothing,
         Lasting(|f, size| f.clock_rates[0] += 1e-6 * size);
     RadioLost, "radio-lost", "", NONE, [0.5, 30.0], Nothing,
@@ -287,16 +254,16 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, _| f.drone.range_zero = true);
     /// The estimate jumps, and the reset counter is incremented.
     PositionReset, "position-reset", "m to the north", [-2.0, 2.0], NONE, Nothing,
-        Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true), nothing);
+        Once(|r, size| r.world.reset_position(0, &(Vector3::x() * size), true));
     /// The estimate jumps, but the reset counter is not incremented.
     PositionJump, "position-jump", "m to the north", [-2.0, 2.0], NONE, Nothing,
-        Events(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false), nothing);
+        Once(|r, size| r.world.reset_position(0, &(Vector3::x() * size), false));
     HeightReset, "height-reset", "m up", [-2.0, 2.0], NONE, Nothing,
-        Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), true), nothing);
+        Once(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), true));
     HeightJump, "height-jump", "m up", [-2.0, 2.0], NONE, Nothing,
-        Events(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false), nothing);
+        Once(|r, size| r.world.reset_position(0, &(Vector3::z() * -size), false));
     HeadingReset, "heading-reset", "deg", [-25.0, 25.0], NONE, Nothing,
-        Events(|r, size| r.world.reset_heading(0, size.to_radians()), nothing);
+        Once(|r, size| r.world.reset_heading(0, size.to_radians()));
     /// The position drifts, as under slow spoofing.
     PositionDrifts, "position-drifts", "m/s to the north", [-0.5, 0.5], [2.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drift_mps = size);
@@ -305,7 +272,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     FlightReported, "flight-reported", "", NONE, WRONG, Nothing,
         Lasting(|f, _| f.autopilot.landed_report = Some(LandedState::InAir));
     AutopilotClock, "autopilot-clock", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()), nothing);
+        Once(|r, _| r.world.linked(0).into_iter().for_each(|l| l.autopilot.restart()));
     StreamStops, "stream-stops", "message id", [0.0, 500.0], [0.5, 15.0], Nothing,
         Lasting(|f, size| f.autopilot.muted.push(size as u32));
     AutopilotSilent, "autopilot-silent", "", NONE, [0.2, 5.0], Command,
@@ -315,7 +282,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     CommandsDenied, "commands-denied", "", NONE, [0.5, 10.0], Command,
         Lasting(|f, _| f.autopilot.answer = Some(MavResult::MAV_RESULT_TEMPORARILY_REJECTED));
     BatteryAt, "battery-at", "charge, 0 to 1", [0.05, 0.4], NONE, Nothing,
-        Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)), nothing);
+        Once(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.battery = size.max(0.0)));
     BatterySags, "battery-sags", "1/s", [0.002, 0.05], [1.0, 20.0], Nothing,
         Lasting(|f, size| f.autopilot.drain_per_s = size.max(0.0));
     /// Charge and voltage freeze, or toggle between the frozen value and a higher one.
@@ -323,7 +290,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Lasting(|f, size| f.autopilot.battery_stuck = Some(size.max(0.0)));
     /// An old or small battery: a full charge lasts for this flight time.
     BatteryAged, "battery-aged", "s", [300.0, 900.0], NONE, Nothing,
-        Events(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.endurance_s = size.max(10.0)), nothing);
+        Once(|r, size| r.world.linked(0).into_iter().for_each(|l| l.autopilot.endurance_s = size.max(10.0)));
     /// Neither charge nor voltage is reported.
     BatteryUnknown, "battery-unknown", "", NONE, [1.0, 60.0], Nothing,
         Lasting(|f, _| f.autopilot.no_battery = true);
@@ -351,7 +318,7 @@ macro_rules! each_kind { ($with:ident) => { $with! {
     ThrustWeak, "thrust-weak", "fraction lost", [0.05, 0.2], [1.0, 60.0], Power,
         Lasting(|f, size| f.weak[1] = f.weak[1].max(size));
     PayloadDropped, "payload-dropped", "fraction of the weight", [0.03, 0.2], NONE, Nothing,
-        Events(|r, size| r.world.lighten(size), nothing);
+        Once(|r, size| r.world.lighten(size));
     HeldByStation, "held-by-station", "", NONE, [0.5, 10.0], Command,
         Events(|r, _| choose(r, AutopilotMode::Hold), |r, _| choose(r, AutopilotMode::Offboard));
     ReturnedByStation, "returned-by-station", "", NONE, [0.5, 10.0], Command,
@@ -361,18 +328,18 @@ macro_rules! each_kind { ($with:ident) => { $with! {
         Events(|r, _| choose(r, AutopilotMode::Other), |r, _| choose(r, AutopilotMode::Offboard));
     /// The operator aborts at the drone's computer.
     Abort, "abort", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command_to(0, CommandKind::Abort), nothing);
+        Once(|r, _| r.world.command_to(0, CommandKind::Abort));
     AbortAshore, "abort-ashore", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.operator_command(0, CommandKind::Abort), nothing);
+        Once(|r, _| r.world.operator_command(0, CommandKind::Abort));
     Hold, "hold", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command_to(0, CommandKind::Hold), nothing);
+        Once(|r, _| r.world.command_to(0, CommandKind::Hold));
     OrderedAgain, "ordered-again", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.command_to(0, CommandKind::Land), nothing);
+        Once(|r, _| r.world.command_to(0, CommandKind::Land));
     OrderedAshore, "ordered-ashore", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.operator_command(0, CommandKind::Land), nothing);
+        Once(|r, _| r.world.operator_command(0, CommandKind::Land));
     /// The operator commands a drone that does not exist.
     OrderedOther, "ordered-other", "", NONE, NONE, Nothing,
-        Events(|r, _| r.world.operator_command(7, CommandKind::Land), nothing);
+        Once(|r, _| r.world.operator_command(7, CommandKind::Land));
     DeckOccupied, "deck-occupied", "", NONE, [1.0, 20.0], Nothing,
         Events(|r, _| occupy(r, true), |r, _| occupy(r, false));
     DeckClosed, "deck-closed", "", NONE, [1.0, 20.0], Nothing,

@@ -32,7 +32,6 @@ use crate::{
 
 pub use super::mutant::Mutant;
 pub use draw::{Pair, pairs};
-pub use effects::Effect;
 pub use fault::{Fault, Moment};
 pub use flight::{Flown, Warned, fly, fly_observed};
 pub use kinds::{FaultKind, Spec, Takes};

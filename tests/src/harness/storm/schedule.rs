@@ -1,4 +1,4 @@
-use super::{effects::Effect, fault::Fault};
+use super::fault::Fault;
 use crate::harness::{failing::Failing, rig::Rig};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,18 +58,14 @@ impl Scheduled {
         match self.timer.poll(rig.t_s(), rig.moment_s(&fault)) {
             Some(FaultTurn::Begins) => {
                 self.charge_left = fault.kind.empties().then_some(0.0);
-                if !begins(rig, self)
-                    && let Effect::Events(begin, _) = fault.kind.effect()
-                {
-                    begin(rig, fault.size);
+                if !begins(rig, self) {
+                    fault.kind.effect().begin(rig, fault.size);
                 }
             }
             Some(FaultTurn::Ends) => {
                 let charge = rig.world.linked(0).map(|l| l.autopilot.battery);
                 self.charge_left = charge.filter(|_| fault.kind.empties());
-                if let Effect::Events(_, end) = fault.kind.effect() {
-                    end(rig, fault.size);
-                }
+                fault.kind.effect().end(rig, fault.size);
             }
             None => {}
         }
@@ -99,9 +95,7 @@ impl Schedule {
     pub(super) fn failing(&self, t_s: f64) -> Failing {
         let mut failing = Failing::default();
         for timer in self.0.iter().map(|f| &f.timer).filter(|t| t.is_active(t_s)) {
-            if let Effect::Lasting(fail) = timer.fault.kind.effect() {
-                fail(&mut failing, timer.fault.size);
-            }
+            timer.fault.kind.effect().apply(&mut failing, timer.fault.size);
         }
         failing
     }
