@@ -26,8 +26,8 @@ use alight_uav::{
     autopilot::{
         AutopilotIn, AutopilotLink, AutopilotLinkConfig, AutopilotOut, ControlAuthority,
         message::{
-            Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkMessage, TargetAbsolute,
-            TargetRelative, text,
+            Address, CommandLong, MavCmd, MavMessage as M, MavResult, MavlinkFrame, MavlinkMessage,
+            TargetAbsolute, TargetRelative, text,
         },
         modes::Firmware,
     },
@@ -58,6 +58,8 @@ fn quiet(firmware: Firmware) -> DroneConfig {
 pub type PilotControl = fn(&DroneState) -> SetPoint;
 
 pub struct LinkRig {
+    /// Frames that the link has received last.
+    pub received: Vec<MavlinkFrame>,
     pub linked: LinkedAutopilot,
     /// The link; None: its process is dead.
     pub link: Option<AutopilotLink>,
@@ -179,6 +181,7 @@ impl LinkRig {
         let autopilot =
             SimulatedAutopilot::new(&c.autopilot, &c.navigation, &geometry, &streams, &state, hover);
         LinkRig {
+            received: Vec::new(),
             linked: LinkedAutopilot::new(&c.autopilot, &streams, autopilot),
             link: Some(make(BOOT)),
             kept: LinkCheckpoint::default(),
@@ -309,6 +312,7 @@ impl LinkRig {
         let t = Time::from_secs(self.t_s);
         let now = Time::from_secs(self.t_s);
         let received = self.linked.received(t);
+        self.received.clone_from(&received);
         self.step_link(
             (t, now),
             AutopilotIn {

@@ -337,6 +337,16 @@ fn receive(arrived: &mut PredictorIn, m: PredictorIn) {
 }
 
 pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
+    run_with(v, set, seconds, |_, arrived| arrived)
+}
+
+/// Run whose inputs `change` replaces, given the number of the step.
+pub fn run_with(
+    v: &SimulatedVessel,
+    set: &Setup,
+    seconds: f64,
+    mut change: impl FnMut(u32, PredictorIn) -> PredictorIn,
+) -> Run {
     let mut rng = ChaCha8Rng::seed_from_u64(set.seed);
     let mut predictor = Predictor::new(&PredictorConfig::default(), 1);
     let mut vessel_frame = Markov::new(&mut rng, 1.0, 300.0);
@@ -405,7 +415,7 @@ pub fn run(v: &SimulatedVessel, set: &Setup, seconds: f64) -> Run {
             given = Some(kept.filter(|_| remembers).unwrap_or_default());
         }
         arrived.checkpoint = given.filter(|_| k % 2 == 0);
-        let out = predictor.step(time(now), &arrived);
+        let out = predictor.step(time(now), &change(k, arrived));
         kept = out.checkpoint.or(kept);
         if let Some(forecast) = out.forecast {
             forecast.check().unwrap();
