@@ -316,48 +316,76 @@ mod tests {
             ..config()
         }
     }
-    fn run(
-        m: &mut BatteryMonitor,
-        c: &MissionConfig,
-        from_s: f64,
-        seconds: f64,
-        a: impl Fn(f64) -> AutopilotState,
-    ) {
-        for k in 0..(10.0 * seconds) as u32 {
-            let t = from_s + 0.1 * f64::from(k);
-            m.update(&a(t), c);
+    /// Battery in a flight, whose autopilot reports every 0.1 s.
+    struct Flown {
+        m: BatteryMonitor,
+        c: MissionConfig,
+        t: f64,
+    }
+    impl Flown {
+        fn new(c: MissionConfig) -> Flown {
+            Flown {
+                m: BatteryMonitor::default(),
+                c,
+                t: 0.0,
+            }
+        }
+        fn run(&mut self, seconds: f64, a: impl Fn(f64) -> AutopilotState) {
+            for k in 0..(10.0 * seconds) as u32 {
+                self.m.update(&a(self.t + 0.1 * f64::from(k)), &self.c);
+            }
+            self.t += seconds;
+        }
+        /// Constant reading in the air.
+        fn reads(&mut self, seconds: f64, battery: Option<f64>) {
+            self.run(seconds, |t| state(t, battery));
+        }
+        fn charge(&self) -> Option<f64> {
+            self.m.charge(&self.c)
+        }
+        /// The mission restarts, and reads its predecessor's checkpoint.
+        fn restart(&mut self, first: Option<&AutopilotState>) {
+            let charge = self.charge().unwrap();
+            let known = self.m.memory().unwrap();
+            self.m = BatteryMonitor::default();
+            if let Some(reading) = first {
+                self.m.update(reading, &self.c);
+            }
+            self.m.resume(Time::from_secs(self.t), charge, &known, &self.c);
+        }
+        #[track_caller]
+        fn assert_near(&self, expected: f64, off: f64) {
+            let charge = self.charge().unwrap();
+            assert!((charge - expected).abs() < off, "{charge} of {expected}");
         }
     }
 
     #[test]
     fn battery_at_0_percent() {
-        let (mut m, c) = (BatteryMonitor::default(), config());
-        run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.0)));
-        assert_eq!(m.charge(&c), Some(0.0));
-        run(&mut m, &c, 10.0, 10.0, |t| state(t, None));
-        assert_eq!(m.charge(&c), Some(0.0));
+        let mut b = Flown::new(config());
+        for reading in [Some(0.0), None] {
+            b.reads(10.0, reading);
+            assert_eq!(b.charge(), Some(0.0));
+        }
     }
 
     /// From 57 % the charge falls at the measured power, or as for a battery that lasts five minutes.
     #[test]
     fn battery_gauge_that_falls_silent() {
-        let c = config();
         for (per_s, measured_s) in [(0.001, 200.0), (per_s(ASSUMED_S), 0.0)] {
-            let mut m = BatteryMonitor::default();
-            run(&mut m, &c, 0.0, measured_s + 10.0, |t| {
+            let mut b = Flown::new(config());
+            b.run(measured_s + 10.0, |t| {
                 let left = 0.57 + per_s * (measured_s - t).max(0.0);
                 state(t, Some((100.0 * left).round() / 100.0))
             });
-            let from = measured_s + 10.0;
-            run(&mut m, &c, from, 100.0, |t| state(t, None));
-            let (found, expected) = (m.charge(&c).unwrap(), 0.57 - per_s * 100.0);
-            assert!((found - expected).abs() < 0.03, "{per_s}: {found} of {expected}");
-            run(&mut m, &c, from + 100.0, 600.0, |t| state(t, None));
-            assert_eq!(m.charge(&c), Some(0.0));
-            let mut m = BatteryMonitor::default();
-            run(&mut m, &c, 0.0, 10.0, |t| ground(t, Some(0.57)));
-            run(&mut m, &c, 10.0, 600.0, |t| ground(t, None));
-            assert_eq!(m.charge(&c), Some(0.57));
+            b.reads(100.0, None);
+            b.assert_near(0.57 - per_s * 100.0, 0.03);
+            b.reads(600.0, None);
+            assert_eq!(b.charge(), Some(0.0));
+            let mut b = Flown::new(config());
+            b.run(10.0, |t| ground(t, Some(0.57)));
+            b.run(600.0, |t| ground(t, None));
+            assert_eq!(b.charge(), Some(0.57));
         }
     }
 
@@ -365,29 +393,27 @@ mod tests {
     /// or at once from the charge that the autopilot has counted.
     #[test]
     fn power_of_a_battery_that_is_new_to_the_mission() {
-        let c = config();
         for (endurance_s, used_ah, known_s) in [
             (300.0, None, 13.0),
             (1500.0, None, 32.0),
             (1500.0, Some(4.1), 6.0),
             (1500.0, Some(0.1), 32.0),
         ] {
-            let mut m = BatteryMonitor::default();
-            run(&mut m, &c, 0.0, 5.0, |t| state(t, Some(0.9)));
-            let mut t = 5.0;
-            while t < 11.0 || m.known_power(&c).is_none() {
-                t += 0.1;
-                let left = 0.18 - (t - 5.0) / endurance_s;
-                let reading = AutopilotState {
-                    battery_a: Some(12.0),
-                    battery_used_ah: used_ah,
-                    ..state(t, Some((100.0 * left).round() / 100.0))
-                };
-                m.update(&reading, &c);
+            let mut b = Flown::new(config());
+            b.reads(5.0, Some(0.9));
+            while b.t < 11.0 || b.m.known_power(&b.c).is_none() {
+                b.run(0.1, |t| {
+                    let left = 0.18 - (t - 5.0) / endurance_s;
+                    AutopilotState {
+                        battery_a: Some(12.0),
+                        battery_used_ah: used_ah,
+                        ..state(t, Some((100.0 * left).round() / 100.0))
+                    }
+                });
             }
-            let share = m.known_power(&c).unwrap() * endurance_s;
+            let share = b.m.known_power(&b.c).unwrap() * endurance_s;
             assert!((0.5..1.5).contains(&share), "{endurance_s}: {share}");
-            assert!(t - 5.0 < known_s + 0.2, "{endurance_s}: after {t} s");
+            assert!(b.t - 5.0 < known_s + 0.2, "{endurance_s}: after {} s", b.t);
         }
     }
 
@@ -395,23 +421,26 @@ mod tests {
     /// the drone was found in the air. The first report replaces the assumption.
     #[test]
     fn battery_gauge_that_is_silent_from_the_start() {
-        let c = with_endurance(400.0);
         for (ground_s, expected) in [(0.0, 0.25), (30.0, 0.75)] {
-            let mut m = BatteryMonitor::default();
-            run(&mut m, &c, 0.0, ground_s, |t| ground(t, None));
-            assert_eq!(m.charge(&c), None);
-            run(&mut m, &c, ground_s, 100.0, |t| state(t, None));
-            let charge = m.charge(&c).unwrap();
-            assert!((charge - expected).abs() < 0.01, "{charge} of {expected}");
-            let mut successor = BatteryMonitor::default();
-            let at = Time::from_secs(ground_s + 100.0);
-            successor.resume(at, charge, &m.memory().unwrap(), &c);
-            for mut m in [m, successor] {
-                run(&mut m, &c, ground_s + 100.0, 40.0, |t| state(t, None));
-                let later = m.charge(&c).unwrap();
-                assert!((charge - later - 0.1).abs() < 0.01, "{later} after {charge}");
-                run(&mut m, &c, ground_s + 140.0, 6.0, |t| state(t, Some(0.8)));
-                assert!((m.charge(&c).unwrap() - 0.8).abs() < 0.02);
+            let mut b = Flown::new(with_endurance(400.0));
+            b.run(ground_s, |t| ground(t, None));
+            assert_eq!(b.charge(), None);
+            b.reads(100.0, None);
+            b.assert_near(expected, 0.01);
+            let charge = b.charge().unwrap();
+            for restarts in [false, true] {
+                let mut b = Flown {
+                    m: b.m.clone(),
+                    c: b.c.clone(),
+                    t: b.t,
+                };
+                if restarts {
+                    b.restart(None);
+                }
+                b.reads(40.0, None);
+                b.assert_near(charge - 0.1, 0.01);
+                b.reads(6.0, Some(0.8));
+                b.assert_near(0.8, 0.02);
             }
         }
     }
@@ -464,30 +493,25 @@ mod tests {
                     ..state(t, Some(shown))
                 }
             };
-            let mut m = BatteryMonitor::default();
-            run(&mut m, c, 0.0, 10.0, |t| AutopilotState {
+            let mut b = Flown::new(c.clone());
+            b.run(10.0, |t| AutopilotState {
                 armed: false,
                 ..reading(t)
             });
-            for from_s in [10.0, 270.0] {
-                run(&mut m, c, from_s, 260.0, reading);
-                let end = from_s + 260.0;
-                let charge = m.charge(c).unwrap();
-                let expected = truth(end).max(0.0);
-                assert!((charge - expected).abs() < 0.08, "{name}: {charge} of {expected}");
-                let known = m.memory().unwrap();
-                m = BatteryMonitor::default();
-                m.update(&reading(end), c);
-                m.resume(Time::from_secs(end), charge, &known, c);
+            for _ in 0..2 {
+                b.run(260.0, reading);
+                println!("{name}");
+                b.assert_near(truth(b.t).max(0.0), 0.08);
+                b.restart(Some(&reading(b.t)));
             }
         }
         // On the ground the gauge is trusted.
-        let (mut m, c) = (BatteryMonitor::default(), config());
-        run(&mut m, &c, 0.0, 300.0, |t| AutopilotState {
+        let mut b = Flown::new(config());
+        b.run(300.0, |t| AutopilotState {
             landed: LandedState::OnGround,
             ..state(t, Some(0.57))
         });
-        assert_eq!(m.charge(&c), Some(0.57));
+        assert_eq!(b.charge(), Some(0.57));
     }
 
     /// Gauges with steps of a tenth, of a quarter (with an installer's endurance), and on a tether, over 1000
@@ -499,20 +523,17 @@ mod tests {
         let cases: [(f64, MissionConfig, f64); 3] =
             [(0.1, unset, 0.5), (0.25, set, 0.14), (10.0, tether, 0.01)];
         for (step, c, off) in cases {
-            let mut m = BatteryMonitor::default();
-            for k in 0..100 {
-                let from_s = 10.0 * f64::from(k);
-                run(&mut m, &c, from_s, 10.0, |t| {
+            let mut b = Flown::new(c);
+            for _ in 0..100 {
+                b.run(10.0, |t| {
                     state(t, Some(((truth(t) / step).ceil() * step).min(1.0)))
                 });
-                let Some(charge) = m.charge(&c) else { continue };
-                let expected = if step > 1.0 { 1.0 } else { truth(from_s + 10.0) };
+                if b.charge().is_none() {
+                    continue;
+                }
+                let expected = if step > 1.0 { 1.0 } else { truth(b.t) };
                 // The power is known from the second step on.
-                let off = if from_s > 350.0 { off.min(0.12) } else { off };
-                assert!(
-                    (charge - expected).abs() < off,
-                    "{step}: {charge} of {expected} at {from_s} s"
-                );
+                b.assert_near(expected, if b.t > 360.0 { off.min(0.12) } else { off });
             }
         }
     }
@@ -520,42 +541,40 @@ mod tests {
     /// The rise after ten seconds of wrong low readings is accepted, because it is consistent with the flight.
     #[test]
     fn battery_gauge_that_was_low_for_a_while() {
-        let (mut m, c) = (BatteryMonitor::default(), config());
-        run(&mut m, &c, 0.0, 500.0, |t| {
+        let mut b = Flown::new(config());
+        b.run(500.0, |t| {
             let low = (300.0..310.0).contains(&t);
             let left = if low { 0.1 } else { 0.9 - t / 1000.0 };
             state(t, Some((100.0 * left).round() / 100.0))
         });
-        assert!((m.charge(&c).unwrap() - 0.4).abs() < 0.02);
+        b.assert_near(0.4, 0.02);
     }
 
     /// A correction from 90 to 19 % does not mean that the battery has emptied within seconds.
     #[test]
     fn battery_gauge_that_corrects_itself() {
-        let (mut m, c) = (BatteryMonitor::default(), config());
-        run(&mut m, &c, 0.0, 20.0, |t| state(t, Some(0.9)));
-        run(&mut m, &c, 20.0, 20.0, |t| state(t, Some(0.19)));
-        assert!((m.charge(&c).unwrap() - 0.19).abs() < 0.03);
-        assert_eq!(m.reserve(0.0, 5.0, &c), c.battery_reserve);
+        let mut b = Flown::new(config());
+        b.reads(20.0, Some(0.9));
+        b.reads(20.0, Some(0.19));
+        b.assert_near(0.19, 0.03);
+        assert_eq!(b.m.reserve(0.0, 5.0, &b.c), b.c.battery_reserve);
         // If the gauge then sticks, the charge before the correction has no effect.
-        let mut m = BatteryMonitor::default();
-        let honest = |t: f64| (90.0 - t / 4.0).round() / 100.0;
-        run(&mut m, &c, 0.0, 160.0, |t| {
-            state(t, Some(if t < 40.0 { honest(t) } else { 0.3 }))
-        });
-        assert!(m.charge(&c).unwrap() < 0.1);
+        let mut b = Flown::new(config());
+        b.run(40.0, |t| state(t, Some((90.0 - t / 4.0).round() / 100.0)));
+        b.reads(120.0, Some(0.3));
+        assert!(b.charge() < Some(0.1));
     }
 
     #[test]
     fn battery_low_for_less_than_its_time() {
-        let (mut m, c) = (BatteryMonitor::default(), config());
-        run(&mut m, &c, 0.0, 10.0, |t| state(t, Some(0.5)));
-        m.update(&state(10.0, Some(0.0)), &c);
-        assert_eq!(m.charge(&c), Some(0.5), "one reading");
-        run(&mut m, &c, 10.1, 4.5, |t| state(t, Some(0.1)));
-        assert!(m.charge(&c) > Some(0.49), "4.5 s");
-        run(&mut m, &c, 14.6, 1.0, |t| state(t, Some(0.1)));
-        assert_eq!(m.charge(&c), Some(0.1));
+        let mut b = Flown::new(config());
+        b.reads(10.0, Some(0.5));
+        b.reads(0.1, Some(0.0));
+        assert_eq!(b.charge(), Some(0.5), "one reading");
+        b.reads(4.5, Some(0.1));
+        assert!(b.charge() > Some(0.49), "4.5 s");
+        b.reads(1.0, Some(0.1));
+        assert_eq!(b.charge(), Some(0.1));
     }
 
     #[test]
@@ -568,44 +587,37 @@ mod tests {
             battery_v: Some(v),
             ..state(t, Some(0.6))
         };
-        let mut m = BatteryMonitor::default();
-        run(&mut m, &c, 0.0, 60.0, |t| {
-            at(t, if t % 5.0 < 2.0 { 13.0 } else { 14.8 })
-        });
-        assert!(m.charge(&c) > Some(0.4));
-        run(&mut m, &c, 60.0, 6.0, |t| at(t, 13.0));
-        assert_eq!(m.charge(&c), Some(0.0));
+        let mut b = Flown::new(c);
+        b.run(60.0, |t| at(t, if t % 5.0 < 2.0 { 13.0 } else { 14.8 }));
+        assert!(b.charge() > Some(0.4));
+        b.run(6.0, |t| at(t, 13.0));
+        assert_eq!(b.charge(), Some(0.0));
     }
 
     #[test]
     fn battery_reserve_of_a_way_and_an_attempt() {
-        let (mut m, c) = (BatteryMonitor::default(), config());
+        let mut b = Flown::new(config());
+        let attempt_s = b.c.battery_attempt_s;
+        let assert_reserve = |b: &Flown, needed: f64| {
+            let found = b.m.reserve(3000.0, 8.0, &b.c);
+            assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
+        };
         // The gauge has steps of 1 %, and the battery lasts 1000 s.
-        run(&mut m, &c, 0.0, 300.0, |t| {
-            state(t, Some((90.0 - 0.1 * t).round() / 100.0))
-        });
-        let (d, v) = (3000.0, 8.0);
-        let needed = 1e-3 * (d / v + c.battery_attempt_s);
-        let found = m.reserve(d, v, &c);
-        assert!((found / needed - 1.0).abs() < 0.1, "{found} of {needed}");
-        assert_eq!(m.reserve(20.0, v, &c), c.battery_reserve);
+        b.run(300.0, |t| state(t, Some((90.0 - 0.1 * t).round() / 100.0)));
+        assert_reserve(&b, 1e-3 * (3000.0 / 8.0 + attempt_s));
+        assert_eq!(b.m.reserve(20.0, 8.0, &b.c), b.c.battery_reserve);
         // The speed made good is 4 m/s, against the wind and towards a vessel that moves away.
         for _ in 0..600 {
-            m.approach(0.1, d, Some(4.0), v);
+            b.m.approach(0.1, 3000.0, Some(4.0), 8.0);
         }
-        let against = m.reserve(d, v, &c);
-        let needed = 1e-3 * (d / 4.0 + c.battery_attempt_s);
-        assert!((against / needed - 1.0).abs() < 0.1, "{against} of {needed}");
+        let against_s = 3000.0 / 4.0 + attempt_s;
+        assert_reserve(&b, 1e-3 * against_s);
         // 20 A empty 10 Ah in 1800 s.
-        let c = MissionConfig {
-            battery_capacity_ah: 10.0,
-            ..c
-        };
-        run(&mut m, &c, 300.0, 60.0, |t| AutopilotState {
+        b.c.battery_capacity_ah = 10.0;
+        b.run(60.0, |t| AutopilotState {
             battery_a: Some(20.0),
             ..state(t, Some(0.6))
         });
-        let needed = (d / 4.0 + c.battery_attempt_s) / 1800.0;
-        assert!((m.reserve(d, v, &c) - needed).abs() < 0.01);
+        assert_reserve(&b, against_s / 1800.0);
     }
 }
