@@ -43,8 +43,8 @@ const USABLE: f64 = 0.8;
 /// Time in which a drone tilts to brake in front of an obstacle, s, and its deceleration, m/s².
 const TILTS_S: f64 = 0.3;
 const ASTERN_MPS2: f64 = 3.0;
-/// Points of the path to the stop that are compared with a volume, as fractions.
-const STOPPING: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+/// Number of points of the path to the stop that are compared with a volume.
+const STOPPING: u32 = 24;
 /// Speed of a permitted contact, m/s, with a reserve for errors of estimates and tracking; and closing speed at a
 /// surface that must not be touched, which leads to it slowly.
 const CONTACT_MPS: f64 = 0.9 * MAX_MPS;
@@ -167,8 +167,8 @@ impl Pilot {
             let deck = below.map(|b| (b, propagated(&b.measured, t)));
             let aside_m = |d: &DeckStage| (position - Vector3::from(d.position)).xy().norm();
             if let Some((below, deck)) = deck.filter(|(_, d)| aside_m(d) < WITH_DECK_M) {
-                self.stops_at_obstacles(&stage, &deck, below)?;
-                self.brakes_above_deck(now, &stage, &deck, below, mission)?;
+                self.stops_at_obstacles(&stage, body, &deck, below)?;
+                self.brakes_above_deck(now, &stage, body, &deck, below, mission)?;
             } else {
                 let left_m = BELOW_MINIMUM_M - position.z - mission.minimum_altitude_m;
                 brakes(
@@ -194,6 +194,7 @@ impl Pilot {
         &self,
         now: DroneTime,
         stage: &PlanStage,
+        body: &Body,
         deck: &DeckStage,
         below: &DeckBelow,
         mission: &MissionState,
@@ -205,6 +206,10 @@ impl Pilot {
         let normal = deck.normal();
         let feet = in_deck(deck, &(position - up * drone.feet_below_m));
         let outside = outside_m(&feet.xy(), &self.deck, drone);
+        let tilt_error = up
+            .angle(&normal)
+            .max((body.attitude * -Vector3::z()).angle(&normal));
+        let half_span_m = 0.5 * drone.feet_span_m[0].hypot(drone.feet_span_m[1]);
         let mut clearance = deck.height_of(&position) - drone.feet_below_m;
         if outside <= 0.0
             && let Some(range_m) = self.detector.median(now)
@@ -212,6 +217,8 @@ impl Pilot {
             let measured = range_m + drone.rangefinder_m[2] - drone.feet_below_m + RANGE_ERROR_M;
             clearance += (measured - below.clearance).min(0.0);
         }
+        // The lowest foot touches first.
+        clearance -= half_span_m * tilt_error.sin();
         let closing = -deck.speed_away(&velocity);
         let along = (velocity - Vector3::from(deck.velocity) + normal * closing).norm();
         let left_s = clearance.max(0.0) / closing.max(SLOW_MPS);
@@ -237,23 +244,34 @@ impl Pilot {
         }
     }
 
-    /// Compares the distance in which the drone stops with that at which it touches a volume, m.
+    /// Compares the distance in which the drone stops with that at which it touches a volume, m. A drone that climbs
+    /// without a plan accelerates along its tilt, present or commanded, until it is level.
     fn stops_at_obstacles(
         &self,
         stage: &PlanStage,
+        body: &Body,
         deck: &DeckStage,
         below: &DeckBelow,
     ) -> Result<(), PlanRefusal> {
         let here = in_deck(deck, &stage.position.into());
-        let relative = Vector3::from(stage.velocity) - Vector3::from(deck.velocity);
-        let speed = relative.norm();
-        let stops_m = speed * (TILTS_S + speed / (2.0 * ASTERN_MPS2));
-        let path = deck.rotation().transpose() * relative * (stops_m / speed.max(1e-6));
-        for volume in below.around.keep_out.iter() {
-            let touches =
-                |part: &f64| volume.distance(&(here + path * *part)) < self.geometry.body_radius_m();
-            if let Some(part) = STOPPING.into_iter().find(touches) {
-                bounded(PlanCheck::Obstacle, stops_m, part * stops_m)?;
+        let commanded = self.tracker.commanded().unwrap_or(body.attitude);
+        let most_mps2 = self.geometry.max_thrust_n / self.geometry.mass_kg;
+        for attitude in [UnitQuaternion::identity(), body.attitude, commanded] {
+            let thrown = (attitude * -Vector3::z()).xy() * (most_mps2 * TILTS_S);
+            let mut relative = Vector3::from(stage.velocity) - Vector3::from(deck.velocity);
+            relative.x += thrown.x;
+            relative.y += thrown.y;
+            let speed = relative.norm();
+            let stops_m = speed * (TILTS_S + speed / (2.0 * ASTERN_MPS2));
+            let path = deck.rotation().transpose() * relative * (stops_m / speed.max(1e-6));
+            let mut free_m = 0.0;
+            for part in (0..=STOPPING).map(|k| f64::from(k) / f64::from(STOPPING)) {
+                let place = here + path * part;
+                let mut volumes = below.around.keep_out.iter();
+                if volumes.any(|v| v.distance(&place) < self.geometry.body_radius_m()) {
+                    bounded(PlanCheck::Obstacle, stops_m, free_m)?;
+                }
+                free_m = part * stops_m;
             }
         }
         Ok(())

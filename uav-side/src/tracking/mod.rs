@@ -86,6 +86,11 @@ impl Tracker {
         *self = Tracker::default();
     }
 
+    /// Attitude that was commanded last; None after a reset.
+    pub(crate) const fn commanded(&self) -> Option<UnitQuaternion<f64>> {
+        self.last
+    }
+
     /// Command that follows `stage` over the next `dt` (s), for an attitude loop with lag `lag` (s).
     pub(crate) fn track(
         &mut self,
