@@ -1,6 +1,6 @@
 //! Test rig for one flight: commands and faults at chosen times, and measurements. Times are in s after the start.
 
-use alight_shared::msg::{CommandKind, MissionState, State};
+use alight_shared::msg::{CommandKind, MissionState, ReasonCode, State};
 
 use super::{
     failing::Failing,
@@ -20,6 +20,8 @@ pub struct Rig {
     visited: Vec<Vec<(State, f64)>>,
     /// Time of the first drone's first contact, s.
     touched_s: Option<f64>,
+    /// Reasons that the first drone's mission has stated.
+    pub reasons: Vec<ReasonCode>,
 }
 
 impl Rig {
@@ -44,6 +46,7 @@ impl Rig {
             nodes: nodes.clone(),
             visited: vec![vec![(State::Idle, 0.0)]; scenario.drones as usize],
             touched_s: None,
+            reasons: Vec::new(),
         }
     }
     pub fn landing(scenario: &Scenario, nodes: &NodeConfigs, seed: u64) -> Result<Rig, SetupError> {
@@ -63,6 +66,12 @@ impl Rig {
         let t_s = self.t_s();
         if self.touched_s.is_none() && self.world.physics().touches(0) {
             self.touched_s = Some(t_s);
+        }
+        let m = self.mission(0);
+        for code in [m.entered.code, m.waiting.code] {
+            if !self.reasons.contains(&code) {
+                self.reasons.push(code);
+            }
         }
         for (drone, visited) in self.world.drones().iter().zip(&mut self.visited) {
             let state = drone.mission_state.state;

@@ -30,48 +30,24 @@ fn nodes() -> NodeConfigs {
     nodes
 }
 
-/// Time of the tags' detection, s, and ending.
-struct Flown {
-    found_s: Option<f64>,
-    outcome: Outcome,
-    states: Vec<State>,
-    reasons: Vec<ReasonCode>,
-}
-
-fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> Flown {
+fn flown(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) -> (Rig, Outcome) {
     let mut rig = Rig::landing(scenario, nodes, seed).unwrap();
-    let mut states = Vec::new();
-    let mut reasons = Vec::new();
-    let mut found_s = None;
     let mut faults = Schedule::new(&scenario.faults);
-    let outcome = judged(&mut rig, seed, limit_s, |rig| {
-        faults.act(rig);
-        let m = *rig.mission(0);
-        if states.last() != Some(&m.state) {
-            states.push(m.state);
-        }
-        for code in [m.entered.code, m.waiting.code] {
-            if !reasons.contains(&code) {
-                reasons.push(code);
-            }
-        }
-        if m.state == State::Tracking && found_s.is_none() {
-            found_s = Some(rig.t_s());
-        }
-    });
-    Flown {
-        found_s,
-        outcome,
-        states,
-        reasons,
-    }
+    let outcome = judged(&mut rig, seed, limit_s, |rig| faults.act(rig));
+    (rig, outcome)
+}
+/// Asserts that the drone finds the tags, and touches nothing else.
+#[track_caller]
+fn assert_found(scenario: &Scenario, nodes: &NodeConfigs, seed: u64, limit_s: f64) {
+    let (rig, outcome) = flown(scenario, nodes, seed, limit_s);
+    let states = rig.visited(0);
+    assert!(states.contains(&State::Tracking), "{states:?}, {:?}", rig.reasons);
+    assert_eq!(outcome.unsafe_contacts, 0, "{outcome:?}");
 }
 
 #[test]
 fn deck_found_by_its_beacon() {
-    let f = flown(&scenario(), &nodes(), 700, 120.0);
-    assert!(f.found_s.is_some(), "{:?}, {:?}", f.states, f.reasons);
-    assert_eq!(f.outcome.unsafe_contacts, 0, "{:?}", f.outcome);
+    assert_found(&scenario(), &nodes(), 700, 120.0);
 }
 
 /// The deck is 30 m to the side of its beacon. It is not found, and the search ends.
@@ -84,14 +60,14 @@ fn deck_that_is_not_at_its_beacon() {
         stated_factor: 0.1,
         ..BeaconConfig::default()
     });
-    let f = flown(&scenario, &nodes(), 701, 150.0);
-    assert!(f.found_s.is_none() && f.outcome.attempts == 0, "{:?}", f.states);
+    let (rig, outcome) = flown(&scenario, &nodes(), 701, 150.0);
+    let states = rig.visited(0);
     assert!(
-        f.states.ends_with(&[State::Search, State::GaveUp]),
-        "{:?}",
-        f.states
+        !states.contains(&State::Tracking) && outcome.attempts == 0,
+        "{states:?}"
     );
-    assert!(f.reasons.contains(&ReasonCode::NotFound), "{:?}", f.reasons);
+    assert!(states.ends_with(&[State::Search, State::GaveUp]), "{states:?}");
+    assert!(rig.reasons.contains(&ReasonCode::NotFound), "{:?}", rig.reasons);
 }
 
 /// A vessel 150 m away without ultraviolet markers, received until the drone is on its way, and then never
@@ -106,7 +82,5 @@ fn radio_lost_for_good_on_the_way() {
     scenario.sensors.uvdar.max_range_m = 0.0;
     let on_its_way = Moment::In(State::GetAltitude);
     scenario.faults = vec![Fault::new(FaultKind::RadioLost, on_its_way, 0.0, f64::INFINITY)];
-    let f = flown(&scenario, &nodes, 500, 60.0);
-    let found = f.found_s.is_some() && f.outcome.unsafe_contacts == 0;
-    assert!(found, "{:?} {:?}", f.states, f.reasons);
+    assert_found(&scenario, &nodes, 500, 60.0);
 }

@@ -39,7 +39,8 @@ mod witnesses;
 use alight_sim::harness::{
     outcome::{Judge, Outcome},
     rig::Rig,
-    scenario::Scenario,
+    scenario::{NodeConfigs, Scenario},
+    trial,
 };
 use alight_uav::autopilot::modes::Firmware;
 
@@ -54,6 +55,16 @@ fn judged(rig: &mut Rig, seed: u64, limit_s: f64, mut each: impl FnMut(&mut Rig)
         judge.observe(&rig.world.observation(), half_deck)
     });
     judge.outcome(seed, "", "", 0.0)
+}
+
+fn landed(scenario: &Scenario, seed: u64) -> Outcome {
+    trial::outcome(scenario, &NodeConfigs::default(), seed, "").unwrap()
+}
+#[track_caller]
+fn assert_lands(scenario: &Scenario, seed: u64) -> Outcome {
+    let outcome = landed(scenario, seed);
+    assert!(outcome.success, "seed {seed}: {}", outcome.reason);
+    outcome
 }
 
 fn at_sea(sea: &str) -> Scenario {
