@@ -6,12 +6,22 @@ use alight_shared::{
         FORECAST_STAGES, Header, LandedState, MissionState, Plan, PlanStage, Seq, Source, State,
     },
     time::{DroneClock, DroneTime, Span},
+    wire::{decode_record, encode_record},
 };
+use serde::{Serialize, de::DeserializeOwned};
 
 const STEP: Span = Span::from_millis(100);
 
 pub(crate) fn header(n: u32, t: DroneTime) -> Header<DroneClock> {
     Header::new(1, 1, 1, n, t)
+}
+
+/// The input with this number in place of eight of its recorded bytes, unless the decoder rejects it.
+pub(crate) fn with_number<T: Serialize + DeserializeOwned>(input: T, at: usize, number: f64) -> T {
+    let mut bytes = encode_record(&input).unwrap();
+    let at = at % (bytes.len() - 7);
+    bytes[at..at + 8].copy_from_slice(&number.to_le_bytes());
+    decode_record(&bytes).unwrap_or(input)
 }
 
 pub(crate) fn level(position: [f64; 3]) -> DeckStage {

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use super::{qp::NO_CEILING, *};
-use crate::planner;
+use crate::{fixtures::with_number, planner};
 
 #[path = "../../benches/approach/mod.rs"]
 pub(super) mod approach;
@@ -463,55 +463,41 @@ proptest! {
         }
     }
 
+    /// Any number anywhere in the inputs, in any state.
     #[test]
     fn planner_arbitrary_input(
-        steps in prop::collection::vec(
-            (prop::array::uniform12(number()), 0..10_usize, 0..8_u32, -3..3_i64, prop::bool::weighted(0.7)), 1..40
-        ),
+        steps in prop::collection::vec((0..10_usize, any::<usize>(), number(), any::<bool>()), 1..80),
     ) {
-        let config = PlannerConfig::default();
-        let (drone_geometry, deck_geometry) = (DroneGeometry::default(), DeckGeometry::default());
-        let mut planner = Planner::new(&config, &drone_geometry, &deck_geometry, 1);
         const MODES: [Mode; 10] = [
             Mode::Idle, Mode::GetAltitude, Mode::Approach, Mode::Tracking, Mode::TrackingStable,
             Mode::Descent, Mode::Flare, Mode::Landed, Mode::Hold, Mode::GaveUp,
         ];
-        for (i, (v, mode, jitter, shift, calm)) in steps.iter().enumerate() {
-            let now = Time::<DroneClock>::from_nanos(20_000_000 * (i as i64 + 1));
-            let header = Header::new(1, 1, 1, (i as u32 * 4).wrapping_add(*jitter), now + Span::from_millis(20 * shift));
-            let scale = if *calm { 0.05 } else { 1.0 };
-            let mut forecast = MODERATE.forecast(now, 0);
-            forecast.header = header;
-            if !calm {
-                forecast.mean_z = Some(v[0]);
-                for s in forecast.stages.iter_mut() {
-                    s.position[2] = v[0];
-                    s.euler = [v[1] * 0.1, v[2] * 0.1, v[3]];
-                    s.velocity = [v[4], v[5], v[6]];
-                }
-            }
-            let input = PlannerIn {
-                forecast: Some(forecast),
-                mission: Some(MissionState {
-                    header, state: MODES[*mode], height_m: v[7].abs(), descent_mps: v[8].abs() * scale,
-                    minimum_altitude_m: v[9], hold_position: [v[0], v[1], v[2]], hold_yaw: v[3],
-                    ..MissionState::default()
-                }),
-                drone: Some(DroneState {
-                    header, position: [v[3], v[4], v[5] - 20.0], velocity: [v[6] * scale, v[7] * scale, v[8] * scale],
-                    rates: [v[9] * scale, v[10] * scale, v[11] * scale], frames: (*jitter % 2) as u8, ..DroneState::default()
-                }),
+        let drone = DroneGeometry::default();
+        let mut planner = Planner::new(&PlannerConfig::default(), &drone, &DeckGeometry::default(), 1);
+        let mut follower = PlanFollower::new(ABOVE);
+        for (mode, at, number, damaged) in steps {
+            follower.follow();
+            let (now, header) = (follower.now(), follower.header());
+            let mut input = PlannerIn {
+                forecast: Some(MODERATE.forecast(now, header.sequence)),
+                mission: Some(MissionState { header, ..landing(MODES[mode]) }),
+                drone: Some(follower.drone),
             };
-            if let Some(plan) = planner.step(now, &input).plan {
+            if damaged {
+                input = with_number(input, at, number);
+            }
+            let plan = planner.step(now, &input).plan;
+            if let Some(plan) = &plan {
                 prop_assert!(plan.check().is_ok());
                 prop_assert_eq!(plan.header.at, now);
                 prop_assert!(plan.stages.len() >= 20);
                 // The thrust stays within the rotors' limits.
-                let up = GRAVITY * (drone_geometry.max_thrust_n / (drone_geometry.mass_kg * GRAVITY) - 1.0);
+                let up = drone.max_thrust_n / drone.mass_kg - GRAVITY;
                 for s in plan.stages.iter() {
                     prop_assert!(s.acceleration[2] <= GRAVITY + 1e-6 && s.acceleration[2] >= -up - 1e-6);
                 }
             }
+            follower.end_tick(plan);
         }
     }
 }
