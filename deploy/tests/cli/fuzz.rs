@@ -36,15 +36,32 @@ use crate::program;
 enum Damage {
     Set(usize, u8),
     Flip(usize, u8),
+    Number(usize, f64),
     Cut(usize),
     Insert(usize, Vec<u8>),
     Remove(usize, usize),
 }
 
-fn damage() -> impl Strategy<Value = Damage> {
+/// Damage that keeps the length.
+fn changes() -> impl Strategy<Value = Damage> {
+    let special = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        -1e9,
+        0.0,
+        5e-324,
+    ];
     prop_oneof![
         (any::<usize>(), any::<u8>()).prop_map(|(at, to)| Damage::Set(at, to)),
         (any::<usize>(), 0_u8..8).prop_map(|(at, bit)| Damage::Flip(at, bit)),
+        (any::<usize>(), prop::sample::select(special.to_vec())).prop_map(|(at, to)| Damage::Number(at, to)),
+    ]
+}
+fn damage() -> impl Strategy<Value = Damage> {
+    prop_oneof![
+        changes(),
         any::<usize>().prop_map(Damage::Cut),
         (any::<usize>(), prop::collection::vec(any::<u8>(), 1..16))
             .prop_map(|(at, what)| Damage::Insert(at, what)),
@@ -64,6 +81,12 @@ fn damaged(mut bytes: Vec<u8>, all: &[Damage]) -> Vec<u8> {
             Damage::Flip(k, bit) => {
                 let k = at(*k);
                 bytes[k] ^= 1 << bit;
+            }
+            Damage::Number(k, to) => {
+                let k = at(*k);
+                for (byte, of) in bytes[k..].iter_mut().zip(to.to_le_bytes()) {
+                    *byte = of;
+                }
             }
             Damage::Cut(k) => bytes.truncate(at(*k)),
             Damage::Insert(k, what) => {
@@ -249,48 +272,10 @@ fn steps() -> &'static [mcap::Message<'static>] {
     })
 }
 
-/// Damage to a step's input that keeps its length and that a decoder accepts.
-#[derive(Clone, Debug)]
-enum Wrong {
-    Bytes(Damage),
-    Number(usize, f64),
-}
-
-fn wrong() -> impl Strategy<Value = Wrong> {
-    let special = [
-        f64::NAN,
-        f64::INFINITY,
-        f64::NEG_INFINITY,
-        f64::MAX,
-        -1e9,
-        0.0,
-        5e-324,
-    ];
-    prop_oneof![
-        (any::<usize>(), any::<u8>()).prop_map(|(at, to)| Wrong::Bytes(Damage::Set(at, to))),
-        (any::<usize>(), 0_u8..8).prop_map(|(at, bit)| Wrong::Bytes(Damage::Flip(at, bit))),
-        (any::<usize>(), prop::sample::select(special.to_vec())).prop_map(|(at, to)| Wrong::Number(at, to)),
-    ]
-}
-
-fn made_wrong(mut bytes: Vec<u8>, how: &Wrong) -> Vec<u8> {
-    match how {
-        Wrong::Bytes(damage) => damaged(bytes, std::slice::from_ref(damage)),
-        Wrong::Number(at, to) => {
-            let last = bytes.len().saturating_sub(8);
-            let at = at % (last + 1);
-            for (byte, of) in bytes.iter_mut().skip(at).zip(to.to_le_bytes()) {
-                *byte = of;
-            }
-            bytes
-        }
-    }
-}
-
 /// Number of steps that the replay continues after the last damaged one, so that effects on a node's state appear.
 const FOLLOWED: usize = 3000;
 
-fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::McapError> {
+fn with_wrong_steps(path: &Path, all: &[(usize, Damage)]) -> Result<(), mcap::McapError> {
     let good = recorded();
     let summary = mcap::Summary::read(good)?.expect("a summary");
     let mut writer = mcap::WriteOptions::new()
@@ -307,7 +292,7 @@ fn with_wrong_steps(path: &Path, all: &[(usize, Wrong)]) -> Result<(), mcap::Mca
     for (k, step) in steps().iter().enumerate().take(last + FOLLOWED) {
         let mut step = step.clone();
         for (_, how) in all.iter().filter(|(at, _)| place(*at) == k) {
-            step.data = made_wrong(step.data.into_owned(), how).into();
+            step.data = damaged(step.data.into_owned(), std::slice::from_ref(how)).into();
         }
         writer.write(&step)?;
     }
@@ -326,7 +311,7 @@ fn corrupted_steps_of_a_recording() {
         ..runs()
     };
     let cases = config.cases;
-    let wrongs = prop::collection::vec((any::<usize>(), wrong()), 1..4);
+    let wrongs = prop::collection::vec((any::<usize>(), changes()), 1..4);
     let done = TestRunner::new(config).run(&wrongs, |all| {
         let path = program::scratch("steps.mcap");
         with_wrong_steps(&path, &all).unwrap();

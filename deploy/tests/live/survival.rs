@@ -11,7 +11,10 @@ use alight_shared::{
     time::Time,
     wire,
 };
-use alight_transport::radio::{Radio, RadioConfig, TlsConfig};
+use alight_transport::{
+    memory::Instance,
+    radio::{Radio, RadioConfig, TlsConfig},
+};
 use alight_usv::{VesselCheckpoint, deck::Claim};
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::Value;
@@ -22,14 +25,15 @@ use crate::{
 };
 
 /// Vessel's computer without sensors, on the loopback interface.
-struct Vessel {
-    directory: PathBuf,
+pub struct Vessel {
+    pub directory: PathBuf,
+    pub instance: Instance,
     config: PathBuf,
     endpoint: String,
 }
 
 impl Vessel {
-    fn prepare(name: &str) -> Vessel {
+    pub fn prepare(name: &str) -> Vessel {
         let directory = scratch(name);
         let _none = std::fs::remove_dir_all(&directory);
         std::fs::create_dir_all(&directory).expect("made");
@@ -43,11 +47,17 @@ impl Vessel {
         deck_file::write_first(&directory, &computer).expect("written");
         Vessel {
             directory,
+            instance: Instance::new(&instance).expect("a name"),
             config,
             endpoint,
         }
     }
-    fn start(&self) -> Service {
+    /// Appends tables to its configuration.
+    pub fn configure(&self, tables: &str) {
+        let text = std::fs::read_to_string(&self.config).expect("read");
+        std::fs::write(&self.config, text + tables).expect("written");
+    }
+    pub fn start(&self) -> Service {
         service("vessel", &self.directory, &[])
     }
     fn command_deck(&self, order: &str) {
@@ -88,6 +98,8 @@ impl Drop for Vessel {
     fn drop(&mut self) {
         if !std::thread::panicking() {
             let _left = std::fs::remove_dir_all(&self.directory);
+            let _left = self.instance.wipe();
+            let _left = std::fs::remove_dir_all(self.instance.directory());
         }
     }
 }
@@ -141,9 +153,7 @@ fn flight_with_a_camera_that_cannot_be_started() {
 fn vessel_with_a_deck_switch_and_a_full_recorder() {
     let vessel = Vessel::prepare("inputs");
     let [switch, log] = ["value", "log"].map(|name| vessel.directory.join(name));
-    let text = std::fs::read_to_string(&vessel.config).expect("read");
-    let text = format!("{text}[deck]\ncrew_switch = \"{}\"\n", switch.display());
-    std::fs::write(&vessel.config, text).expect("written");
+    vessel.configure(&format!("[deck]\ncrew_switch = {switch:?}\n"));
     std::fs::write(&switch, "1\n").expect("written");
     let flight = log.display().to_string();
     let mut running = service("vessel", &vessel.directory, &["--flight", &flight]);
