@@ -47,6 +47,11 @@ const KEEPS_CLEAR_M: f64 = 1.0;
 pub(crate) const LOST_OUTSIDE_M: f64 = 0.0;
 /// Time from a contact to the stop of the motors, s, and friction on a wet deck that tilts.
 const STOPS_S: f64 = 0.3;
+/// Tilt above which full thrust throws a drone sideways by more than 4 m/s², rad; time to level, s; deceleration towards
+/// the deck meanwhile, m/s².
+const LEVEL_RAD: f64 = 0.2;
+const LEVELS_S: f64 = 0.3;
+const LEVELLING_MPS2: f64 = 5.0;
 const WET_FRICTION: f64 = 0.5 * FRICTION;
 
 /// Distance of the feet's centre (in the deck's plane, along and across, m) outside the area on which all feet stand,
@@ -120,6 +125,15 @@ impl DeckBelow {
     /// Replaces the clearance (m) by that of another witness.
     pub(crate) fn with_clearance(self, clearance: f64) -> DeckBelow {
         DeckBelow { clearance, ..self }
+    }
+
+    /// Whether a drone without a plan turns level before it climbs: full thrust would throw it along its tilt into an
+    /// obstacle, and the deck leaves time.
+    pub(crate) fn levels_first(&self, body: &Body) -> bool {
+        let tilt = (body.attitude * Vector3::z()).angle(&Vector3::z());
+        let closing = (-self.normal_speed).max(0.0);
+        let stops_m = closing * LEVELS_S + closing.powi(2) / (2.0 * LEVELLING_MPS2);
+        !self.around.keep_out.is_empty() && tilt > LEVEL_RAD && self.clearance > stops_m
     }
 
     /// Whether a drone without mission or plan must climb with the deck: the deck or an obstacle can reach it, now or

@@ -40,7 +40,11 @@ impl Hold {
         let before = self.climb.velocity;
         let velocity = match near {
             Some(b) => {
-                self.climb.advance(dt, b.stage.velocity[2]);
+                if b.levels_first(body) {
+                    self.climb.sink(dt, b.stage.velocity[2], 0.0);
+                } else {
+                    self.climb.advance(dt, b.stage.velocity[2]);
+                }
                 let out = escape_velocity(&b.around, &b.stage, drone, &body.position, b.clearance);
                 Vector2::new(b.stage.velocity[0], b.stage.velocity[1]) + out
             }

@@ -166,7 +166,7 @@ impl Pilot {
             }
             Output::Attitude => {
                 let authority = Authority {
-                    brakes: near.is_some(),
+                    brakes: near.is_some_and(|b| !b.levels_first(body)),
                     ..Authority::descent(&self.config.tracking)
                 };
                 let body = self.acted_on(now, body);
