@@ -76,18 +76,26 @@ impl FirmwareFlight {
     }
 }
 
-enum Link {
-    Tcp(TcpListener, Option<TcpStream>),
+/// MAVLink of a firmware, which listens or dials, or of its pilot.
+pub enum Link {
+    Tcp(Door, Option<TcpStream>),
     Udp(UdpSocket),
+}
+pub enum Door {
+    Listens(TcpListener),
+    Dials(u16),
 }
 
 impl Link {
-    fn receive(&mut self) -> Vec<Vec<u8>> {
+    pub fn receive(&mut self) -> Vec<Vec<u8>> {
         let mut buffer = [0_u8; 4096];
         let got = match self {
             Link::Tcp(door, stream) => {
                 if stream.is_none() {
-                    *stream = door.accept().ok().map(|(s, _)| s);
+                    *stream = match door {
+                        Door::Listens(door) => door.accept().ok().map(|(s, _)| s),
+                        Door::Dials(port) => TcpStream::connect(("127.0.0.1", *port)).ok(),
+                    };
                     stream.iter().for_each(|s| {
                         s.set_nonblocking(true).unwrap();
                         // As in ArduPilot: otherwise odometry waits for acknowledgements, sometimes for 39 ms.
@@ -105,7 +113,7 @@ impl Link {
         };
         got.map(|n| buffer[..n].to_vec()).into_iter().collect()
     }
-    fn send(&mut self, bytes: &[u8]) {
+    pub fn send(&mut self, bytes: &[u8]) {
         let _lost = match self {
             Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
             Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
@@ -331,7 +339,11 @@ impl StandIn {
                 let door = TcpListener::bind("127.0.0.1:0").unwrap();
                 door.set_nonblocking(true).unwrap();
                 let at = door.local_addr().unwrap();
-                ("ardupilot", Link::Tcp(door, None), format!("tcpout://{at}"))
+                (
+                    "ardupilot",
+                    Link::Tcp(Door::Listens(door), None),
+                    format!("tcpout://{at}"),
+                )
             }
             Firmware::Px4 => {
                 let to = free_port();

@@ -20,17 +20,18 @@ use std::{
 
 use alight_computer::vessel::deck_file;
 use alight_lab::live::{
-    config::sources,
+    config::{SimulatedWorld, sources},
+    rehearse::files::set,
     service::{Service, runs},
 };
 use alight_shared::config;
-use alight_sim::harness::scenario::Scenario;
+use alight_sim::{harness::scenario::Scenario, sensors::clocks::ClockErrorConfig};
 use alight_transport::clock::steady_ns;
 use serde_json::Value;
 use toml::Table;
 
 use crate::{
-    common::{self, free_port, signal},
+    common::{self, free_port, once, signal, tls},
     landing::pid,
 };
 
@@ -60,32 +61,6 @@ fn run(side: &str, what: impl AsRef<str>) -> Output {
         .args(&arguments[1..])
         .args(what.as_ref().split_whitespace());
     command.output().expect("runs")
-}
-
-fn table<'a>(of: &'a mut Table, name: &str) -> &'a mut Table {
-    let entry = of.entry(name).or_insert_with(|| Table::new().into());
-    entry.as_table_mut().expect("a table")
-}
-
-/// Configuration of the vehicles: instance of the drone, address of the MAVLink, time zero, seed.
-fn world([instance, mavlink]: [&str; 2], epoch_ns: i64, seed: u64) -> Table {
-    let mut world = Table::new();
-    world.insert("instance".into(), instance.into());
-    world.insert("mavlink".into(), mavlink.into());
-    world.insert("epoch_ns".into(), epoch_ns.into());
-    world.insert("seed".into(), i64::try_from(seed).expect("small").into());
-    world.insert("sea".into(), "moderate".into());
-    world.insert("planner".into(), "alight".into());
-    let scenario = table(&mut world, "scenario");
-    let start = table(scenario, "start");
-    start.insert("warm_up_s".into(), WARM_UP_S.into());
-    // The computers' clocks are this computer's, as on real vehicles.
-    let clocks = table(table(scenario, "sensors"), "clocks");
-    clocks.insert("epoch_s".into(), (epoch_ns as f64 * 1e-9).into());
-    for key in ["offset_s", "drift_ppm"] {
-        clocks.insert(key.into(), 0.0.into());
-    }
-    world
 }
 
 /// Computers of a vessel and a drone, and the vehicles; all end with their test.
@@ -122,47 +97,56 @@ impl Installed {
         common::keys(&other, "operator 1");
         let endpoint = format!("quic/{host}:{}", free_port());
         let radio = |computer: &mut Table, side: &str, peers: &[&str], end: &str| {
-            let radio = table(computer, "radio");
-            radio.insert(end.into(), vec![endpoint.clone()].into());
-            let tls = table(radio, "tls");
-            for (key, file) in [
-                ("authority", "authority.pem"),
-                ("certificate", "certificate.pem"),
-                ("key", "key.pem"),
-            ] {
-                let path = directory.join(side).join(file).display().to_string();
-                tls.insert(key.into(), path.into());
-            }
-            let peers: Vec<String> = peers.iter().map(|p| (*p).to_owned()).collect();
-            tls.insert("peers".into(), peers.into());
+            let tls = tls(&directory.join(side), peers);
+            set(computer, &["radio"], end, vec![endpoint.clone()]);
+            set(computer, &["radio"], "tls", Table::try_from(tls).expect("TOML"));
         };
         let mut vessel = shipped("vessel");
         let mut drone = shipped("drone");
         radio(&mut vessel, "vessel-1", &["drone-1", "operator-1"], "listen");
         radio(&mut drone, "drone-1", &["vessel-1"], "connect");
-        vessel.insert("instance".into(), format!("v{instance}").into());
+        set(&mut vessel, &[], "instance", format!("v{instance}"));
         let sensors = sources(&Scenario::default(), |_| {
             format!("udpin://{host}:{}", free_port())
         });
-        let sensors = toml::Value::try_from(sensors).expect("TOML");
-        table(&mut vessel, "sensor").insert("sources".into(), sensors.clone());
-        drone.insert("instance".into(), instance.clone().into());
+        let listed = toml::Value::try_from(&sensors).expect("TOML");
+        set(&mut vessel, &["sensor"], "sources", listed);
+        set(&mut drone, &[], "instance", instance.clone());
         // With the shipped file the mission first waits for a pilot, but the simulated vehicles have none.
-        table(table(&mut drone, "drone"), "mission").insert("mode".into(), "land".into());
+        set(&mut drone, &["drone", "mission"], "mode", "land");
         // Destination of the simulated autopilot's MAVLink.
         let host = std::env::var("ALIGHT_DRONE_HOST").unwrap_or_else(|_| "127.0.0.1".into());
-        let port = free_port();
-        let mavlink = format!("{host}:{port}");
-        let connect = format!("udpin://{host}:{port}");
-        table(&mut drone, "autopilot").insert("connect".into(), connect.into());
+        let mavlink = format!("{host}:{}", free_port());
+        set(
+            &mut drone,
+            &["autopilot"],
+            "connect",
+            format!("udpin://{mavlink}"),
+        );
         for (side, computer) in [("vessel", &mut vessel), ("drone", &mut drone)] {
             let flights = directory.join("flights").join(side).display().to_string();
-            table(computer, "recorder").insert("directory".into(), flights.into());
+            set(computer, &["recorder"], "directory", flights);
         }
         change(&mut vessel, &mut drone);
 
-        let mut world = world([&instance, &mavlink], epoch_ns, seed);
-        world.insert("sensors".into(), sensors);
+        let mut world = SimulatedWorld {
+            instance: instance.clone(),
+            mavlink,
+            sensors,
+            epoch_ns,
+            seed,
+            sea: "moderate".into(),
+            planner: "alight".into(),
+            ..SimulatedWorld::default()
+        };
+        world.scenario.start.warm_up_s = WARM_UP_S;
+        // The computers' clocks are this computer's, as on real vehicles.
+        world.scenario.sensors.clocks = ClockErrorConfig {
+            epoch_s: epoch_ns as f64 * 1e-9,
+            offset_s: 0.0,
+            drift_ppm: 0.0,
+        };
+        let world = Table::try_from(world).expect("TOML");
         for (name, computer) in [("vessel", &vessel), ("drone", &drone), ("world", &world)] {
             let text = toml::to_string(computer).expect("TOML");
             std::fs::write(directory.join(format!("{name}.toml")), text).expect("written");
@@ -249,14 +233,8 @@ impl Installed {
         serde_json::from_slice(&out.stdout).unwrap_or_else(|e| panic!("{e}: {out:?}"))
     }
     fn status_when(&self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
-        for _ in 0..200 {
-            let now = self.status();
-            if wanted(&now) {
-                return now;
-            }
-            std::thread::sleep(Duration::from_millis(200));
-        }
-        panic!("{what}: timed out: {}\n{}", self.status(), self.complaints());
+        let look = || self.status();
+        once(what, look, wanted)
     }
     /// Starts everything, and commands a landing once the estimator has warmed up and the vessel is received.
     fn begin_landing(&mut self) {
@@ -443,7 +421,7 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
     let mut all = Installed::prepare("silence", 108, |_, drone| {
         steady(drone, 100.0);
         let connect = vec![format!("quic/127.0.0.1:{port}")];
-        table(drone, "radio").insert("connect".into(), connect.into());
+        set(drone, &["radio"], "connect", connect);
     });
     let radio_path = RadioPath::open(port, &all.endpoint);
     all.begin_landing();
@@ -478,16 +456,13 @@ fn abort_in_radio_silence_with_a_vessel_restart() {
 
 /// Lets a drone follow the vessel for this time before it descends.
 fn steady(drone: &mut Table, steady_s: f64) {
-    let mission = table(table(drone, "drone"), "mission");
-    mission.insert("steady_s".into(), steady_s.into());
+    set(drone, &["drone", "mission"], "steady_s", steady_s);
 }
 
 #[test]
 fn restarted_computer_killed_supervisor_calibration() {
     let mut all = Installed::prepare("crash", 109, |_, drone| steady(drone, 6.0));
-    all.change("world", |world| {
-        table(world, "scenario").insert("stay_s".into(), STAY_S.into());
-    });
+    all.change("world", |world| set(world, &["scenario"], "stay_s", STAY_S));
     all.begin_landing();
     all.status_when("follows", |s| s["mission"]["state"] == "Tracking");
     let before = all.status();

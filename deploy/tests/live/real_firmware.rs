@@ -3,8 +3,7 @@
 
 use std::{
     fs,
-    io::{Read, Write},
-    net::{TcpListener, TcpStream, UdpSocket},
+    net::{TcpListener, UdpSocket},
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{
@@ -24,7 +23,10 @@ use alight_uav::autopilot::{
     wire::{Decoder, Encoder},
 };
 
-use crate::common::{errors, free_port, printed, run};
+use crate::{
+    common::{errors, free_port, printed, run},
+    firmware::{Door, Link},
+};
 
 const PERSON: Address = Address::new(255, 190);
 /// Height above the pad to which the pilot takes off, m.
@@ -53,45 +55,10 @@ const PX4: [(&str, &str); 7] = [
     ("MPC_ACC_UP_MAX", "8"),
 ];
 
-/// Second MAVLink of the firmware, for a ground station.
-enum Link {
-    Tcp(u16, Option<TcpStream>),
-    Udp(UdpSocket),
-}
-
-impl Link {
-    fn receive(&mut self) -> Vec<u8> {
-        let mut buffer = [0_u8; 4096];
-        let got = match self {
-            Link::Tcp(port, stream) => {
-                if stream.is_none() {
-                    *stream = TcpStream::connect(("127.0.0.1", *port)).ok();
-                    let wait = Some(Duration::from_millis(100));
-                    if let Some(s) = stream {
-                        s.set_read_timeout(wait).unwrap();
-                    }
-                }
-                stream.as_mut().and_then(|s| s.read(&mut buffer).ok())
-            }
-            Link::Udp(socket) => socket.recv(&mut buffer).ok(),
-        };
-        let Some(n) = got.filter(|n| *n > 0) else {
-            std::thread::sleep(Duration::from_millis(20));
-            return Vec::new();
-        };
-        buffer[..n].to_vec()
-    }
-    fn send(&mut self, bytes: &[u8]) {
-        let _lost = match self {
-            Link::Tcp(_, stream) => stream.as_mut().map(|s| s.write_all(bytes).is_ok()),
-            Link::Udp(socket) => Some(socket.send(bytes).is_ok()),
-        };
-    }
-}
-
 /// Pilot with a ground station, who arms, takes off and hands over the drone when the firmware permits it.
 struct Person {
     firmware: Firmware,
+    /// Second MAVLink of the firmware, for a ground station.
     link: Link,
     decoder: Decoder,
     encoder: Encoder,
@@ -182,7 +149,10 @@ impl Person {
         // PX4 sends only to peers from which it has received.
         self.act();
         while !end.load(Ordering::Relaxed) {
-            let bytes = self.link.receive();
+            let bytes = self.link.receive().concat();
+            if bytes.is_empty() {
+                std::thread::sleep(Duration::from_millis(20));
+            }
             if bytes.is_empty() && self.beats == 0 {
                 self.act();
             }
@@ -266,7 +236,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
             (
                 "ardupilot",
                 start(&mut command, &directory),
-                Link::Tcp(base + 2, None),
+                Link::Tcp(Door::Dials(base + 2), None),
                 connect,
             )
         }
@@ -284,7 +254,7 @@ fn flight(firmware: Firmware, program: &Path) -> bool {
             socket
                 .connect(("127.0.0.1", 18570 + u16::from(PX4_INSTANCE)))
                 .unwrap();
-            socket.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+            socket.set_nonblocking(true).unwrap();
             let connect = format!("udpin://127.0.0.1:{}", 14540 + u16::from(PX4_INSTANCE));
             ("px4", start(&mut command, &directory), Link::Udp(socket), connect)
         }

@@ -228,8 +228,8 @@ where
     Ok(config::load(path)?)
 }
 
-/// Sets a key in nested tables, which exist because the file was parsed before.
-fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
+/// Sets a key in nested tables.
+pub fn set(file: &mut Table, within: &[&str], key: &str, value: impl Into<Value>) {
     let mut at = file;
     for name in within {
         let entry = at.entry(*name).or_insert_with(|| Table::new().into());

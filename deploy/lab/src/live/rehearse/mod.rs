@@ -7,7 +7,7 @@
 
 pub mod args;
 mod checked;
-mod files;
+pub mod files;
 mod flights;
 mod list;
 mod observations;
