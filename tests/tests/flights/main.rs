@@ -13,7 +13,6 @@ mod estimate_jumps;
 mod estimator;
 mod failsafes;
 mod faults;
-mod gaps;
 mod hostile_planners;
 mod hulls;
 mod identity;
