@@ -457,9 +457,7 @@ fn recording_with_whole_second_stamps() {
     let truth = parse(rows(|k| k));
     assert!(truth.remarks.is_empty(), "{:?}", truth.remarks);
     let coarse = rejection(&rows(|k| k / 10 * 10));
-    for part in ["line 3: 810 of 900 rows", "`python -m alight.convert FILE`"] {
-        assert!(coarse.contains(part), "{part}: {coarse}");
-    }
+    assert!(coarse.contains("line 3: 810 of 900 rows"), "{coarse}");
     // Few rows per second and repeated stamps are accepted with remarks.
     let slow = parse(full().lines().step_by(3).map(|l| l.to_owned() + "\n").collect());
     assert!(
@@ -521,28 +519,4 @@ fn recording_of_quantities_on_rows_of_their_own() {
             s.acceleration.norm()
         );
     }
-}
-
-#[test]
-fn recording_of_another_program() {
-    for (text, expected) in [
-        ("time,roll,pitch\n0.1,1,2\n", "`t_s` is missing"),
-        (
-            "t_s,roll_deg,pitch_deg,heave\n0,1,2,3\n",
-            "line 1: unknown column `heave`",
-        ),
-        ("t_s;roll_deg;pitch_deg\n0,5;1;2\n0.6;1;2\n", "`t_s` is missing"),
-    ] {
-        let e = rejection(text);
-        assert!(
-            e.contains(expected) && e.contains("`python -m alight.convert FILE`"),
-            "{expected}: {e}"
-        );
-    }
-    let rows: String = (0..60)
-        .map(|k| format!("\"{:.1}\",\"1.5\",\"-2\"\n", 0.1 * f64::from(k)))
-        .collect();
-    let quoted = "\"t_s\",\"roll_deg\",\"pitch_deg\"\n".to_owned() + &rows;
-    let r = Recording::parse(quoted.as_bytes(), "test.csv").unwrap();
-    assert!(r.y.iter().all(|y| (y[ROLL].to_degrees() - 1.5).abs() < 1e-9));
 }

@@ -1,13 +1,12 @@
 use alight_shared::{
     msg::{
-        AutopilotState, DeckForecast, DeckStage, DroneState, Header, LinkState, Plan, PlanStage, Reason,
-        ReasonCode, Seq,
+        AutopilotState, DeckForecast, DeckStage, DroneState, Header, Plan, PlanStage, Reason, ReasonCode, Seq,
     },
     time::{DroneClock, Span},
 };
 
 use super::*;
-use crate::status::{Figure, StateView, finding::FindingLevel};
+use crate::status::{Figure, StateView};
 
 /// Forecast of a vessel that heads east, with the deck at north 10, east 20, one metre above the sea.
 fn forecast(t_s: f64) -> DeckForecast {
@@ -210,35 +209,6 @@ fn board_of_a_waiting_and_a_silent_mission() {
     assert!(silent.state.as_ref().unwrap().stale);
     assert_eq!(silent.alarms()[0].found, "no message from the mission for 3 s");
     assert!(named(&board.picture(at(13.0)), "battery").stale);
-}
-
-#[test]
-fn board_alarms() {
-    let mut board = Board::new(ComputerReport::default());
-    let link = LinkState {
-        age_s: 1.5,
-        ..LinkState::default()
-    };
-    let messages = [
-        Message::Autopilot(&autopilot(0.25)),
-        Message::Mission(&mission(1.0, State::GaveUp, Reason::default())),
-        Message::Link(&link),
-    ];
-    show(&mut board, 1.0, &messages);
-    let picture = board.picture(at(1.1));
-    let alarms = picture.status.alarms();
-    let has = |text: &str| {
-        alarms
-            .iter()
-            .any(|f| f.level == FindingLevel::Broken && f.found.contains(text))
-    };
-    assert!(
-        has("Gave up") && has("estimate is 1.6 s old") && has("battery at 25 %"),
-        "{alarms:?}"
-    );
-    for name in ["link", "battery"] {
-        assert_eq!(named(&picture, name).level, FindingLevel::Broken, "{name}");
-    }
 }
 
 #[test]

