@@ -1,9 +1,8 @@
 use alight_shared::{
     config::parse,
-    msg::{AutopilotMode, CommandKind, Message, Motors, Phase, PlanRefusal, PlanStage},
+    msg::{AutopilotMode, CommandKind, Phase, PlanRefusal, PlanStage},
     surroundings::KeepOut,
 };
-use nalgebra::Vector3;
 
 use super::{
     phase::DroneTime,
@@ -127,36 +126,6 @@ fn reason_that_cost_a_landing_its_time() {
     assert_eq!(s.rejected.map(|why| why.code), Some(ReasonCode::OffHeight));
 }
 
-/// According to the radio the deck is 31 m too low, and no camera detects it. Using mean sea level, the drone stays
-/// 15 m above the deck's true height.
-#[test]
-fn heights_of_two_receivers_that_disagree() {
-    let mut m = node();
-    let mut last = State::Idle;
-    for k in 0..400_u32 {
-        let t = at(1.0 + f64::from(k) * 0.01);
-        let mut input = fresh_input(k, t, [40.0, 0.0, -12.0]);
-        input.forecast = Some(DeckForecast {
-            vision_age_s: 100.0,
-            tag_age_s: 100.0,
-            ..deck(k, t, -1.3 + 31.0)
-        });
-        input.autopilot.as_mut().unwrap().origin_sea_m = Some(0.0);
-        if k == 5 {
-            input.commands = vec![command(header(1, t), CommandKind::Land)];
-        }
-        if let Some(state) = m.step(t, &input).state.filter(|_| k > 2) {
-            assert!(state.minimum_altitude_m > 16.2, "{state:?}");
-            assert!(
-                state.state == State::Idle || state.hold_position[2] < -16.2,
-                "{state:?}"
-            );
-            last = state.state;
-        }
-    }
-    assert_eq!(last, State::GetAltitude);
-}
-
 #[test]
 fn waiting_and_leaving_among_volumes() {
     let mut m = node();
@@ -206,90 +175,23 @@ fn age_of_plans_that_the_pilot_refuses() {
     assert_eq!(age_s(2.8, false), 0.0);
 }
 
-/// Drone that is always at the mission's target, with a pilot that stops the motors at the deck.
+/// The node follows what `CommandAdmission` admits, and answers the newest abort, also a repeated one.
 #[test]
-fn landing_of_an_ideal_drone() {
+fn commands_in_their_order() {
+    use CommandKind::{Abort, Land};
     let mut m = node();
-    let mut p = Vector3::new(40.0, -10.0, -12.0);
-    let (mut detected, mut touched) = (vec![State::Idle], false);
-    let (mut arrived, mut begun) = (None, None);
-    for k in 0..6000_u32 {
-        let t = at(1.0 + f64::from(k) * 0.01);
-        let mut input = fresh_input(k, t, p.into());
-        if k == 5 {
-            input.commands = vec![command(header(1, t), CommandKind::Land)];
-        }
-        if touched {
-            input.set_point = Some(SetPoint {
-                header: header(k, t),
-                motors: Motors::Stop,
-                ..SetPoint::default()
-            });
-        }
-        let Some(state) = m.step(t, &input).state else {
-            continue;
-        };
-        assert!(state.check().is_ok());
-        if detected.last() != Some(&state.state) {
-            detected.push(state.state);
-        }
-        let target = match state.state.phase() {
-            Phase::Navigation if state.state != State::Approach => state.hold_position(),
-            Phase::Navigation | Phase::Follow => Vector3::new(0.0, 0.0, -1.3 - state.height_m),
-            Phase::Landing => Vector3::new(0.0, 0.0, p.z + state.descent_mps),
-            Phase::None => p,
-        };
-        let step = target - p;
-        let max = if state.state.phase() == Phase::Landing {
-            0.02 * state.descent_mps
-        } else {
-            0.08
-        };
-        p += step * (max / step.norm().max(max));
-        if p.xy().norm() < 2.0 {
-            arrived.get_or_insert(t);
-        }
-        if state.state == State::Descent {
-            begun.get_or_insert(t);
-        }
-        touched |= p.z > -1.3 - 0.3;
-    }
-    assert_eq!(
-        detected,
-        [
-            State::Idle,
-            State::GetAltitude,
-            State::Approach,
-            State::Tracking,
-            State::TrackingStable,
-            State::Descent,
-            State::Flare,
-            State::Landed
-        ]
-    );
-    let dawdled = (begun.unwrap() - arrived.unwrap()).secs();
-    assert!(dawdled < 4.0, "{dawdled}");
-    let rejected = m.forecast.rejected() + m.drone.rejected() + m.autopilot.rejected() + m.plan.rejected();
-    assert_eq!(
-        rejected + m.set_point.rejected() + m.commands.rejected().total(),
-        0
-    );
-}
-
-#[test]
-fn command_freshness_and_order() {
-    let mut m = node();
-    let give = |m: &mut MissionNode, t: f64, given: f64, n: u32, kind| {
-        state_after(m, t, vec![command(header(n, at(given)), kind)]);
-        m.commands.rejected().total()
+    let mut give = |t: f64, sequence: u32, given: f64, kind| {
+        let out = m.step(
+            at(t),
+            &ordered(t, vec![command(header(sequence, at(given)), kind)]),
+        );
+        (m.phase.state(), out.state.and_then(|s| s.abort))
     };
-    assert_eq!(give(&mut m, 20.0, 10.0, 1, CommandKind::Land), 1, "too old");
-    assert_eq!(m.phase.state(), State::Idle);
-    assert_eq!(give(&mut m, 20.1, 20.0, 2, CommandKind::Land), 1);
-    assert_eq!(m.phase.state(), State::GetAltitude);
-    assert_eq!(give(&mut m, 20.2, 20.15, 3, CommandKind::Abort), 1);
-    assert_eq!(give(&mut m, 20.3, 20.0, 2, CommandKind::Land), 2, "out of order");
-    assert_eq!(m.phase.state(), State::GaveUp);
+    assert_eq!(give(20.0, 1, 10.0, Land), (State::Idle, None), "too old");
+    assert_eq!(give(20.1, 2, 20.0, Land), (State::GetAltitude, None));
+    assert_eq!(give(20.5, 3, 20.5, Abort), (State::GaveUp, Some([1, 3])));
+    assert_eq!(give(22.0, 4, 22.0, Land), (State::Hold, Some([1, 3])));
+    assert_eq!(give(22.5, 5, 20.49, Abort), (State::Hold, Some([1, 5])));
 }
 
 fn land(boot: u32, sequence: u32, given: f64) -> Command {
@@ -369,58 +271,6 @@ fn repeated_landing_below_the_reserve() {
     ] {
         assert_eq!(low(&mut m, t, vec![ordered]), state, "{ordered:?}");
     }
-}
-
-#[test]
-fn landing_of_another_operator_about_an_abort() {
-    let land_at = |boot: u32, given: f64| land(boot, 9, given);
-    for (land, state) in [
-        // The order was already pending before the abort.
-        (land_at(7, 19.9), State::GaveUp),
-        (land_at(7, 20.2), State::GaveUp),
-        // A later order from the sender of the abort, or from an operator who knows of it.
-        (land_at(1, 20.2), State::Hold),
-        (land_at(7, 21.2), State::Hold),
-    ] {
-        let mut m = node();
-        let mut step = |t: f64, commands| state_after(&mut m, t, commands);
-        step(19.5, vec![command(header(1, at(19.5)), CommandKind::Land)]);
-        let abort = command(header(2, at(20.0)), CommandKind::Abort);
-        assert_eq!(step(20.0, vec![abort]), State::GaveUp);
-        assert_eq!(step(21.5, vec![land]), state, "{land:?}");
-    }
-    let abort = command(header(1, at(19.99)), CommandKind::Abort);
-    let both = vec![abort, land_at(7, 20.0)];
-    assert_eq!(state_after(&mut node(), 20.0, both), State::GaveUp);
-}
-
-#[test]
-fn late_abort_after_a_newer_order() {
-    let mut m = node();
-    let mut step = |t: f64, commands| state_after(&mut m, t, commands);
-    let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
-    step(20.0, vec![land(7, 1, 20.0)]);
-    assert_eq!(step(21.0, vec![abort(1, 19.5)]), State::GaveUp);
-    // An operator who cannot know of the abort orders the same landing.
-    assert_eq!(step(21.5, vec![land(7, 2, 20.0)]), State::GaveUp);
-    assert_eq!(step(23.0, vec![land(7, 3, 22.9)]), State::Hold);
-    assert_eq!(step(23.2, vec![abort(2, 19.55)]), State::Hold);
-    assert_eq!(step(23.4, vec![abort(3, 23.3)]), State::GaveUp);
-}
-
-#[test]
-fn abort_echo_with_its_newest_repetition() {
-    let mut m = node();
-    let mut echo = |t: f64, commands: Vec<Command>| {
-        let out = m.step(at(t), &ordered(t, commands));
-        (m.phase.state(), out.state.and_then(|s| s.abort))
-    };
-    let abort = |sequence: u32, given: f64| command(header(sequence, at(given)), CommandKind::Abort);
-    assert_eq!(echo(20.0, vec![land(1, 1, 20.0)]).1, None);
-    assert_eq!(echo(20.5, vec![abort(2, 20.5)]), (State::GaveUp, Some([1, 2])));
-    // Its repetition is answered, but does not stop a later landing.
-    assert_eq!(echo(22.0, vec![land(1, 3, 22.0)]), (State::Hold, Some([1, 2])));
-    assert_eq!(echo(22.5, vec![abort(4, 20.49)]), (State::Hold, Some([1, 4])));
 }
 
 #[test]
