@@ -261,22 +261,6 @@ fn sources(directory: &Path, out: &mut String) {
 }
 
 #[test]
-fn test_name_length() {
-    let mut all = String::new();
-    sources(&shipped(".."), &mut all);
-    let long: Vec<&str> = all
-        .split("#[test]\n")
-        .skip(1)
-        .filter_map(|rest| rest.split_once("fn ")?.1.split('(').next())
-        .filter(|name| name.len() > 50)
-        .collect();
-    assert!(
-        long.is_empty(),
-        "subject and condition, in 50 characters: {long:#?}"
-    );
-}
-
-#[test]
 fn hazards_with_their_tests_and_rates() {
     let page = fs::read_to_string(shipped("docs/hazards.md")).expect("hazards.md");
     let mut all = String::new();

@@ -26,13 +26,23 @@ fn checkpoint(state: State, t: f64) -> MissionCheckpoint {
     }
 }
 
+fn successor() -> MissionNode {
+    MissionNode::new(
+        &config(),
+        &DroneGeometry::default(),
+        &DeckGeometry::default(),
+        1,
+        2,
+    )
+    .as_successor()
+}
+
 /// First state of a successor with this checkpoint, `height` above the deck, and why the checkpoint was rejected.
 fn begun(checkpoint: Option<MissionCheckpoint>, height: f64) -> (MissionState, Option<CheckpointRejection>) {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+    let mut m = successor();
     for k in 0..100_u32 {
         let t = at(10.0 + 0.01 * f64::from(k));
-        let z = -1.3 - drone.feet_below_m - height;
+        let z = -1.3 - DroneGeometry::default().feet_below_m - height;
         let input = MissionIn {
             checkpoint,
             ..fresh_input(k, t, [0.1, 0.0, z])
@@ -83,11 +93,10 @@ fn successor_with_a_checkpoint() {
 /// The successor reads the set-point that stops the motors one step late.
 #[test]
 fn successor_after_the_pilot_stopped_the_motors() {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-    let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+    let mut m = successor();
     for k in 0..10_u32 {
         let t = at(10.0 + 0.01 * f64::from(k));
-        let mut input = fresh_input(k, t, [0.1, 0.0, -1.3 - drone.feet_below_m]);
+        let mut input = fresh_input(k, t, [0.1, 0.0, -1.3 - DroneGeometry::default().feet_below_m]);
         input.checkpoint = Some(checkpoint(State::Flare, 9.9));
         input.autopilot = input.autopilot.map(|a| AutopilotState { armed: false, ..a });
         input.set_point = Some(SetPoint {
@@ -132,9 +141,8 @@ fn successor_without_a_sound_checkpoint() {
 
 #[test]
 fn abort_among_many_commands_to_a_successor() {
-    let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
     for abort_at in [0, 15, 16, 29] {
-        let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+        let mut m = successor();
         let mut entered = None;
         for k in 0..100_u32 {
             let t = at(10.0 + 0.01 * f64::from(k));
@@ -175,8 +183,7 @@ fn purpose_that_outlives_a_reboot() {
         m.lasting()
     };
     let flown = |checkpoint, modes: &[AutopilotMode], battery| {
-        let (drone, deck) = (DroneGeometry::default(), DeckGeometry::default());
-        let mut m = MissionNode::new(&config(), &drone, &deck, 1, 2).as_successor();
+        let mut m = successor();
         let mut last = MissionState::default();
         for k in 0..120_u32 {
             let t = at(3.0 + 0.1 * f64::from(k));

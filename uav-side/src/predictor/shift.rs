@@ -199,6 +199,11 @@ mod tests {
                 self.newest = Some((stage.position.into(), drone.position()));
             }
         }
+        #[track_caller]
+        fn assert_stays(&self, before: &Vector3<f64>, within_m: f64) {
+            let moved = self.apart() - before;
+            assert!(moved.norm() < within_m, "{moved:?}");
+        }
         fn detect(&mut self) {
             self.detection = Some(self.apart());
         }
@@ -269,7 +274,7 @@ mod tests {
         b.yaw = 2.0;
         b.place += Vector3::new(3.0, -4.0, 1.0);
         b.run(0.1);
-        assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
+        b.assert_stays(&before, 0.05);
     }
 
     #[test]
@@ -280,7 +285,7 @@ mod tests {
         b.vessel = (2, Vector3::new(0.7, -0.9, -2.2));
         for _ in 0..20 {
             b.run(0.1);
-            assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
+            b.assert_stays(&before, 0.05);
         }
     }
 
@@ -294,9 +299,9 @@ mod tests {
         b.origin = Vector3::new(-20.0, 35.0, 1.0);
         b.newest = None;
         b.run(0.1);
-        assert!((b.apart() - before).norm() < 0.2, "{:?}", b.apart() - before);
+        b.assert_stays(&before, 0.2);
         b.run(1.0);
-        assert!((b.apart() - before).norm() < 0.05, "{:?}", b.apart() - before);
+        b.assert_stays(&before, 0.05);
     }
 
     #[test]
@@ -308,7 +313,7 @@ mod tests {
         let before = b.apart();
         b.yaw = 118.0_f64.to_radians();
         b.run(2.0);
-        assert!((b.apart() - before).norm() < 0.2, "{:?}", b.apart() - before);
+        b.assert_stays(&before, 0.2);
     }
 
     #[test]
@@ -322,6 +327,6 @@ mod tests {
         let before = b.apart();
         b.yaw = 2.0;
         b.run(0.5);
-        assert!((b.apart() - before).norm() < 1.5, "{:?}", b.apart() - before);
+        b.assert_stays(&before, 1.5);
     }
 }
