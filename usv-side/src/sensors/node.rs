@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Format, Measurement, Mounting, Readings, Remark, SensorDecoder, SourceConfig, SourceMeasurement,
-    SourcesConfig, UNWITNESSED,
+    SourcesConfig,
     age_counts::{AgeCounts, LineDelay},
     plausible::{Movement, Plausibility},
     rtcm::RtcmTraffic,
@@ -284,14 +284,8 @@ impl SensorNode {
     pub fn remarks(&self) -> Vec<Vec<Remark>> {
         let mut all: Vec<Vec<Remark>> = self.sources.iter().map(Source::remarks).collect();
         for (source, remarks) in all.iter_mut().enumerate() {
-            let own =
-                |(sensor, name): (usize, &'static str)| (sensor / WHOSE.len() == source).then_some(name);
-            let own: Vec<&str> = self.movement.unwitnessed().filter_map(own).collect();
-            if !own.is_empty() {
-                let names = own.join(", ");
-                let text = format!("{names} {UNWITNESSED}: nothing else on board confirms or contradicts it");
-                remarks.push(Remark::fine(text));
-            }
+            let is_own = |sensor: usize| sensor / WHOSE.len() == source;
+            remarks.extend(self.movement.remark(is_own));
         }
         all
     }

@@ -344,7 +344,7 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
         };
         source.remarks(&whose)
     });
-    (kept, remarks.collect())
+    (kept, remarks.chain(movement.remark(|_| true)).collect())
 }
 
 /// Removes a part from a source's measurements from `since` on. Returns the number of these measurements.

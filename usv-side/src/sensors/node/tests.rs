@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     fixtures::{rtcm_frame, sentence},
-    sensors::Mount,
+    sensors::{Mount, UNWITNESSED},
 };
 use alight_shared::vessel_model::{PITCH, ROLL, SURGE, SWAY, YAW};
 use proptest::prelude::*;

@@ -21,7 +21,7 @@ use super::{
     drift::{Drift, DriftAngle},
     has_height, has_place, has_velocity,
 };
-use crate::sensors::Measurement;
+use crate::sensors::{Measurement, Remark, UNWITNESSED};
 
 /// Channels that may stand still: roll and pitch together, or one of them while the other moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -344,8 +344,20 @@ pub(crate) struct Movement {
 }
 
 impl Movement {
+    /// Remark on the quantities that `is_own` sensors measure and nothing confirms or contradicts.
+    pub(crate) fn remark(&self, is_own: impl Fn(usize) -> bool) -> Option<Remark> {
+        let own = self.unwitnessed().filter(|(sensor, _)| is_own(*sensor));
+        let names: Vec<&str> = own.map(|(_, name)| name).collect();
+        if names.is_empty() {
+            return None;
+        }
+        let names = names.join(", ");
+        let text = format!("{names} {UNWITNESSED}: nothing else on board confirms or contradicts it");
+        Some(Remark::fine(text))
+    }
+
     /// Sensors whose value of a quantity is neither confirmed nor contradicted, with the name of the quantity.
-    pub(crate) fn unwitnessed(&self) -> impl Iterator<Item = (usize, &'static str)> {
+    fn unwitnessed(&self) -> impl Iterator<Item = (usize, &'static str)> {
         let of_row = |(name, channel, is_witness): &Quantity| {
             let mut with = self.sensors.iter().enumerate().filter(|(_, s)| s.has(*channel));
             let first = with.next().filter(|_| !self.sensors.iter().any(is_witness))?;
