@@ -59,12 +59,13 @@ config! {
         pub steady_speed_mps: f64 = 1.2, in 0.01..=10.0;
         /// Time for which the drone must be stable above the deck, s.
         pub steady_s: f64 = 0.5, in 0.0..=120.0;
-        /// Minimum probability of success to begin a descent: contact speed and angle, four feet on the deck, no
-        /// sliding.
+        /// Minimum probability of a landing: contact speed and angle, four feet on the deck, no sliding. A descent begins
+        /// at 0.85 of it, but never with a lower probability to stay on the deck.
         pub min_probability: f64 = 0.95, in 0.0..=1.0;
-        /// Maximum probability of an unsafe contact to begin a descent: too hard, too fast along the deck, too tilted,
-        /// or with a foot over an edge. The drone breaks off at the last height from which it can climb if the
-        /// probability exceeds this by more than 0.02. A rejected landing costs a minute, an unsafe one the drone.
+        /// Maximum probability of an unsafe contact: too hard, too fast along the deck, too tilted, or with a foot over
+        /// an edge. A descent begins below 0.15. In gusts it pauses low above the deck until the probability is below
+        /// this, and the drone breaks off at the last height from which it can climb above twice this (without gusts:
+        /// 0.07 more than this). A rejected landing costs a minute, an unsafe one the drone.
         pub max_harm: f64 = 0.01, in 0.0..=1.0;
         /// Cost of a minute of waiting above the deck, as a probability. With a higher cost, a sufficiently safe
         /// descent begins sooner and waits less for a calm period between wave groups.

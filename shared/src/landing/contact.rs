@@ -20,9 +20,7 @@ use super::{
     MAX_MPS, MAX_TILT_RAD,
     normal::{below, inside, norm},
     odds::Odds,
-    wind::{
-        ALONG_PER_GUST_S, PLACE_PER_GUST_S2, TILT_PER_GUST, WindPush, beyond_aligned, wind_during_alignment,
-    },
+    wind::{PLACE_PER_GUST_S2, TILT_PER_GUST, WindPush, beyond_aligned, wind_during_alignment},
 };
 use crate::geometry::{DeckGeometry, DroneGeometry, GRAVITY};
 
@@ -40,9 +38,12 @@ const PLACE_SD_M: f64 = 0.03;
 const ALIGNMENT_S: f64 = 0.1;
 /// Factor by which wave groups increase the deck's uncertainty between decision and contact.
 const CHANGES: f64 = 1.3;
-/// Standard deviation per axis of the unfinished part of a turn of `w_s / g`: maximum-likelihood fit to 60 landings begun
-/// at random moments in 12 m/s (acceleration 2 to 4.4 m/s²).
-const UNFINISHED: f64 = 0.1;
+/// Standard deviation per axis of the unfinished part of a turn of `w_s / g`: fit to landings in 12 m/s, with the wind
+/// at the deck's height.
+const UNFINISHED: f64 = 0.18;
+/// Speed along the deck at the contact per gust acceleration at the deck's height, m/s per m/s². Source: with [`UNFINISHED`]
+/// from 89 contacts in 12 m/s.
+const ALONG_PER_GUST_S: f64 = 0.25;
 /// Twice the deceleration over the last half metre (2.5 m/s²) times the height of the feet's middle at first
 /// contact, per `w_s`: 0.45 of half a span of 0.28 m over g; 48 landings begun at random moments in 12 m/s.
 const FIRST_FOOT_M: f64 = 2.0 * 2.5 * 0.45 * 0.28 / GRAVITY;
@@ -105,6 +106,22 @@ pub struct Contact {
 impl Contact {
     /// Probabilities of this contact on a deck with these margins.
     pub fn odds(&self, margins: &Margins) -> Odds {
+        let steady = WindPush {
+            gust_sd: 0.0,
+            ..self.wind
+        };
+        let without = Contact {
+            wind: steady,
+            wind_at_contact: steady,
+            ..*self
+        };
+        let odds = self.limits(margins);
+        Odds {
+            gusts: without.limits(margins).harm() < 0.5 * odds.harm(),
+            ..odds
+        }
+    }
+    fn limits(&self, margins: &Margins) -> Odds {
         let (wind, gust) = (self.wind.mean, self.wind.gust_sd);
         let slips = ALONG_PER_GUST_S * gust;
         let [horizontal, vertical] = self.unforeseen_mps;
@@ -129,6 +146,7 @@ impl Contact {
             tilted: inside(bank, tilt_sd, MAX_TILT_RAD),
             outside: self.inside_edges(margins, PLACE_PER_GUST_S2 * gust),
             slides: self.stays,
+            gusts: false,
             turns: self.turn_mps > horizontal.max(slips).max(self.parted_mps),
         }
     }
@@ -179,8 +197,8 @@ mod tests {
         };
         let [still, fresh, strong, gale] = [0.0, 1.2, 3.0, 4.3].map(odds_in_wind);
         assert!(fresh.tilted > 0.999 && fresh.hard == still.hard);
-        assert!((0.97..0.995).contains(&strong.tilted), "{strong:?}");
-        assert!((0.7..0.88).contains(&gale.tilted), "{gale:?}");
+        assert!((0.95..0.97).contains(&strong.tilted), "{strong:?}");
+        assert!((0.55..0.7).contains(&gale.tilted), "{gale:?}");
         // A foot that touches down while the drone still brakes makes the contact harder, but rarely too hard.
         assert!(gale.hard < strong.hard && gale.hard > 0.99, "{gale:?}");
         // 12 m/s is within the thrust of the largest tilt; 15 m/s, or 7 m/s against 8 m/s, is at its limit.

@@ -35,6 +35,8 @@ pub struct Odds {
     pub slides: f64,
     /// The vessel's turn dominates the speed along the deck.
     pub turns: bool,
+    /// Gusts cause most of [`Odds::harm`]; they become known low above the deck.
+    pub gusts: bool,
 }
 
 impl Odds {

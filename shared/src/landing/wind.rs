@@ -18,7 +18,7 @@ const ALIGNED_MPS2: f64 = 1.2;
 /// Fraction of the excess over [`ALIGNED_MPS2`] accepted as drift; tilt compensates the rest.
 const ALIGNED_FRACTION: f64 = 0.6;
 
-/// Speed along the deck at the contact per gust acceleration, m/s per m/s² (landings at random moments in 8 to 14 m/s).
+/// Speed along the deck at the contact per gust acceleration at 7 m above the deck, m/s per m/s² (landings at random moments in 8 to 14 m/s).
 pub const ALONG_PER_GUST_S: f64 = 0.15;
 /// Tilt at the contact as a fraction of the bank that compensates the gust.
 pub const TILT_PER_GUST: f64 = 1.0 - ALIGNED_FRACTION;

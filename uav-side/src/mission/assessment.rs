@@ -4,8 +4,8 @@ use alight_shared::{
     frames::{DroneNed, Vector},
     landing::{Slopes, Staying, SupportPolygon, WindPush},
     msg::{
-        CameraLight, DeckGrant, DroneState, LandedState, Motors, OwnMission, PLACES, Phase, Reason,
-        ReasonCode, Solve, State, WaitingPlace,
+        CameraLight, DeckGrant, LandedState, Motors, OwnMission, PLACES, Phase, Reason, ReasonCode, Solve,
+        State, WaitingPlace,
     },
     time::{DroneClock, Time},
     topics,
@@ -22,7 +22,7 @@ use super::{
     },
     take_off,
 };
-use crate::contingency::outside_m;
+use crate::{contingency::outside_m, planner::rendezvous::push::LateralDisturbance};
 
 impl MissionNode {
     /// On each new forecast, updates the odds of a landing and the probability above which waiting does not pay.
@@ -51,11 +51,22 @@ impl MissionNode {
         let (Some(forecast), Some(deck)) = (self.forecast.get(), s.fresh_deck()) else {
             return;
         };
+        let Some(state) = self.drone.get() else { return };
+        let deck_z = forecast.stages.first().map_or(0.0, |stage| stage.position[2]);
+        let change = LateralDisturbance::change(state, deck_z - drone.feet_below_m, s.water_z);
+        // The contact is in the weaker wind at the deck.
+        let measured = self.wind();
+        let mean = measured.mean + change;
+        let weaker = (mean.norm() / measured.mean.norm().max(1e-6)).min(1.0);
+        let wind = WindPush {
+            mean,
+            gust_sd: measured.gust_sd * weaker.sqrt(),
+        };
         let outlook = Outlook {
             forecast,
             deck,
-            wind: self.wind(),
-            blown: self.drone.get().map(DroneState::disturbance).unwrap_or_default(),
+            wind,
+            blown: state.disturbance() + change,
             staying: &s.staying,
             drone,
             plate,

@@ -38,8 +38,8 @@ fn descent_with_a_lasting_violation() {
     for (s, why) in [
         (with_deck(|d| d.vision_age_s = 1.2), VisionLost),
         (with_deck(|d| d.distance_m = 4.0), Deviated),
-        (with_odds(|p| p.tilted = 0.85), LikelyTilted),
-        (with_odds(|p| p.hard = 0.9), HarmLikely),
+        (with_odds(|p| p.tilted = 0.7), LikelyTilted),
+        (with_odds(|p| p.hard = 0.77), HarmLikely),
         (with_deck(|d| d.tilt_rad = 0.8), TooSteep),
         (with(|s| s.plan_age_s = 0.6), NoPlan),
         (with(|s| s.swing_rad = 0.2), Swings),
@@ -49,18 +49,19 @@ fn descent_with_a_lasting_violation() {
     }
 }
 
-/// The strict limit holds at the last height from which the drone can climb, and neither above nor below it.
+/// The strict limit holds at the last height from which the drone can climb, also over a deck that rises to it, and
+/// neither above nor below that height.
 #[test]
 fn harm_at_the_last_height_for_a_climb() {
     let harmful = |climb: ClimbRoom, hard: f64, clearance_m: f64| {
-        let mut s = with_odds(|p| p.hard = hard);
+        let mut s = with_odds(|p| (p.hard, p.gusts) = (hard, true));
         let deck = s.deck.as_mut().unwrap();
         (deck.climb, deck.clearance_m) = (climb, clearance_m);
         s
     };
     let stays = Stay(Descent, Descending);
     let rows = [
-        (harmful(ClimbRoom::Clear, 0.95, 1.6), 0.5, stays),
+        (harmful(ClimbRoom::Clear, 0.95, 2.5), 0.5, stays),
         (
             harmful(ClimbRoom::Clear, 0.95, 0.85),
             0.0,
@@ -71,8 +72,17 @@ fn harm_at_the_last_height_for_a_climb() {
             0.0,
             Enter(Tracking, HarmLikely),
         ),
-        (harmful(ClimbRoom::Last, 0.98, 1.3), 0.5, stays),
-        (harmful(ClimbRoom::Meets, 0.95, 1.0), 0.5, stays),
+        (
+            harmful(ClimbRoom::Last, 0.95, 0.7),
+            0.0,
+            Enter(Tracking, HarmLikely),
+        ),
+        (harmful(ClimbRoom::Last, 0.995, 1.3), 0.5, stays),
+        (
+            harmful(ClimbRoom::Meets, 0.95, 0.7),
+            0.0,
+            Enter(Flare, FlareHeight),
+        ),
     ];
     table(DESCENT, rows);
     goes(
@@ -86,6 +96,24 @@ fn harm_at_the_last_height_for_a_climb() {
             .state(),
         Flare
     );
+}
+
+/// In gusts a descent pauses low above the deck until a lull, at most for eight seconds.
+#[test]
+fn pause_of_a_descent_in_gusts() {
+    let at_height = |clearance_m: f64, gusts: bool, hard: f64| {
+        let mut s = with_odds(|p| (p.hard, p.gusts) = (hard, gusts));
+        s.deck.as_mut().unwrap().clearance_m = clearance_m;
+        s
+    };
+    let rows = [
+        (at_height(2.0, true, 0.96), 7.0, Stay(Descent, HarmLikely)),
+        (at_height(2.0, true, 0.96), 9.0, Enter(Tracking, HarmLikely)),
+        (at_height(2.0, true, 0.995), 9.0, Stay(Descent, Descending)),
+        (at_height(2.0, false, 0.96), 9.0, Stay(Descent, Descending)),
+        (at_height(3.0, true, 0.96), 9.0, Stay(Descent, Descending)),
+    ];
+    table(DESCENT, rows);
 }
 
 /// A deck that rises to a drone without a view of the tags does not make it land, as long as it can climb.

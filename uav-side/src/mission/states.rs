@@ -338,6 +338,27 @@ fn unlikely(urgency: f64, s: &Situation, needed: f64, max_harm: f64) -> Option<R
     s.odds.map_or(Some(unknown), why)
 }
 
+/// Probability of an unsafe contact above which no descent begins: it selects among descents, and most of it is avoided
+/// by the strict limit low above the deck.
+const BEGIN_HARM: f64 = 0.15;
+
+fn begin_harm(c: &MissionConfig) -> f64 {
+    c.max_harm.max(BEGIN_HARM)
+}
+
+fn begins_at(c: &MissionConfig) -> f64 {
+    (1.0 - BEGIN_HARM) * c.min_probability
+}
+
+/// Reason why a drone that lands now may not stay. A late decision does not avoid this, so that it is strict at the
+/// beginning.
+fn may_slide(urgency: f64, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let needed = (1.0 - urgency) * c.min_probability;
+    let stays = s.odds?.slides;
+    let slides = stays < needed && s.forced_descent.is_none();
+    slides.then(|| Reason::new(ReasonCode::LikelySlides, stays, needed))
+}
+
 fn tracking(
     steady: Option<DroneTime>,
     progress: &MissionProgress,
@@ -398,8 +419,9 @@ fn tracking_stable(progress: &mut MissionProgress, s: &Situation, c: &MissionCon
             .or_else(|| exceeds(Swings, s.swing_rad, MAX_SWING_RAD))
             .or_else(|| course_rejection(deck, s, c))
     });
-    let rejection =
-        rejection.or_else(|| unlikely(urgency, s, s.worth_waiting.max(c.min_probability), c.max_harm));
+    let rejection = rejection
+        .or_else(|| unlikely(urgency, s, s.worth_waiting.max(begins_at(c)), begin_harm(c)))
+        .or_else(|| may_slide(urgency, s, c));
     let early = s.forced_descent.filter(|at| s.now < *at);
     if let Some(why) = rejection.or(early.map(|_| NotSteady.into())) {
         return stable.stay(why);

@@ -139,6 +139,7 @@ const SURE: Odds = Odds {
     outside: 1.0,
     slides: 1.0,
     turns: false,
+    gusts: false,
 };
 fn rejected() -> Situation {
     with(|s| s.rejection = Some(AutopilotParameter.into()))
@@ -441,21 +442,25 @@ fn tracking_without_radio_or_vision() {
 #[test]
 fn reasons_not_to_descend() {
     let stays = |why| Stay(TrackingStable, why);
-    let each = with_odds(|p| (p.hard, p.fast, p.slides) = (0.98, 0.98, 0.97));
+    let each = with_odds(|p| (p.hard, p.fast, p.tilted) = (0.93, 0.92, 0.93));
+    let harmful = Situation {
+        worth_waiting: 0.0,
+        ..with_odds(|p| p.hard = 0.84)
+    };
     let others = with(|s| s.reservation = Reservation::Others(2));
     let unknown = with(|s| s.reservation = Reservation::Unknown(2.5));
     let promised = |s| with(|fair| fair.course = Course::Steady(s));
     let rows = [
         (with_deck(|d| d.vision_age_s = 1.5), stays(VisionLost)),
-        (with_odds(|p| p.hard = 0.94), stays(LikelyHard)),
-        (with_odds(|p| p.hard = 0.98), stays(HarmLikely)),
-        (with_odds(|p| p.fast = 0.9), stays(LikelyFast)),
-        (with_odds(|p| (p.fast, p.turns) = (0.9, true)), stays(TurnTooFast)),
+        (with_odds(|p| p.hard = 0.8), stays(LikelyHard)),
+        (harmful, stays(HarmLikely)),
+        (with_odds(|p| p.fast = 0.8), stays(LikelyFast)),
+        (with_odds(|p| (p.fast, p.turns) = (0.8, true)), stays(TurnTooFast)),
         (with_odds(|p| p.tilted = 0.5), stays(LikelyTilted)),
         (with_odds(|p| p.outside = 0.5), stays(LikelyOutside)),
-        (with_odds(|p| p.slides = 0.8), stays(LikelySlides)),
+        (with_odds(|p| p.slides = 0.9), stays(LikelySlides)),
         // With each limit on its own, the probability is sufficient.
-        (each, stays(LikelySlides)),
+        (each, stays(LikelyFast)),
         (with_odds(|p| p.outside = f64::NAN), stays(LikelyOutside)),
         (with(|s| s.worth_waiting = 0.9995), stays(LikelyHard)),
         (with_deck(|d| d.heave_mps = 4.0), stays(Infeasible)),
@@ -473,6 +478,8 @@ fn reasons_not_to_descend() {
         (others, stays(DeckReserved)),
         (unknown, stays(DeckGrantStale)),
         (fair(), Enter(Descent, Permitted)),
+        // A low probability of an unsafe contact is required later, where more is known.
+        (with_odds(|p| p.hard = 0.92), Enter(Descent, Permitted)),
         (promised(20.0), Enter(Descent, Permitted)),
         (with_deck(|d| d.distance_m = 2.5), Enter(Tracking, TooFar)),
     ];
@@ -533,7 +540,7 @@ fn turn_in_a_landing() {
         s
     };
     let stated = with(|s| s.course = Course::Turning);
-    let turns = with_odds(|p| (p.fast, p.turns) = (0.8, true));
+    let turns = with_odds(|p| (p.fast, p.turns) = (0.7, true));
     goes(&step(descent, &low(3.0, stated)), Tracking, VesselTurns);
     goes(&step(flare(false), &low(0.9, stated)), Tracking, VesselTurns);
     waits(&step(flare(true), &low(0.5, stated)), Flare, Flaring);

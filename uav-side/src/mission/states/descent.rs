@@ -14,7 +14,7 @@ use super::{
         phase::{DroneTime, MissionPhase, MissionProgress, PhaseTransition, gave_up, lasting},
         situation::{ClimbRoom, Deck, MAY_TOUCH_M, Situation},
     },
-    MAX_SWING_RAD, blind_limit, unlikely, urgency, widening,
+    MAX_SWING_RAD, begin_harm, begins_at, blind_limit, unlikely, urgency, widening,
 };
 use crate::mission_config::MissionConfig;
 
@@ -54,7 +54,8 @@ fn repeat_cost(c: &MissionConfig) -> f64 {
 }
 
 /// Reason to climb at the last height from which the drone can, at the latest before the flare. There most is known of
-/// the contact, so that the strict limits of a landing hold.
+/// the contact, so that the strict limits of a landing hold: in gusts twice that of the lull that [`gusty`] awaited, and
+/// otherwise the cost of a new attempt more.
 fn too_harmful(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig) -> Option<Reason> {
     let decides = match deck.climb {
         ClimbRoom::Clear => deck.clearance_m < c.flare_clearance_m,
@@ -64,12 +65,27 @@ fn too_harmful(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig) -> O
     if !decides {
         return None;
     }
-    unlikely(
-        urgency,
-        s,
-        c.min_probability - repeat_cost(c),
-        c.max_harm + REPEAT_RISK,
-    )
+    let repeat = repeat_cost(c);
+    let max_harm = if s.odds.is_some_and(|o| o.gusts) {
+        2.0 * c.max_harm
+    } else {
+        c.max_harm + repeat
+    };
+    unlikely(urgency, s, c.min_probability - repeat, max_harm)
+}
+
+/// Clearance below which a descent pauses until the gust of the contact is mild, m: a drone that is met there by the
+/// deck can still climb.
+const AWAITS_LULL_M: f64 = 2.4;
+
+/// Reason to pause low above the deck, where a gust lasts until the contact. Other errors are as well known at any
+/// height.
+fn gusty(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig) -> Option<Reason> {
+    let waits = deck.clearance_m < AWAITS_LULL_M && s.odds.is_some_and(|o| o.gusts);
+    if !waits {
+        return None;
+    }
+    unlikely(urgency, s, c.min_probability - repeat_cost(c), c.max_harm)
 }
 
 /// Violated condition of a landing in progress. `blind_s`: maximum time without vision.
@@ -81,7 +97,7 @@ fn violation(deck: &Deck, urgency: f64, s: &Situation, c: &MissionConfig, blind_
         .or_else(|| exceeds(Deviated, deck.distance_m, cone))
         .or_else(|| deck.infeasible(c, HYSTERESIS * widening(urgency)))
         .or_else(|| swings_or_contradicted(deck, s).filter(|_| urgency <= 0.0))
-        .or_else(|| unlikely(urgency, s, c.min_probability - repeat, c.max_harm + repeat))
+        .or_else(|| unlikely(urgency, s, begins_at(c) - repeat, begin_harm(c) + repeat))
         .or_else(|| exceeds(NoPlan, s.plan_age_s, s.plan_limit_s))
 }
 
@@ -118,7 +134,8 @@ pub(super) fn descent(
     if close && let Some(why) = exceeds(Deviated, s.outside_m, LOST_OUTSIDE_M) {
         return PhaseTransition::BreakOff(why);
     }
-    if !close && let Some(why) = withdrawn(urgency, s).or_else(|| too_harmful(deck, urgency, s, c)) {
+    let withdrawn = withdrawn(urgency, s).filter(|_| !close);
+    if let Some(why) = withdrawn.or_else(|| too_harmful(deck, urgency, s, c)) {
         return PhaseTransition::BreakOff(why);
     }
     if let Some(lowest_m) = c.lowest_plan_m() {
@@ -140,6 +157,7 @@ pub(super) fn descent(
         return flare.enter(Reason::new(FlareHeight, deck.clearance_m, c.flare_clearance_m));
     }
     let stopped = rejection.filter(|_| deck.clearance_m < c.decision_clearance_m);
+    let stopped = stopped.or_else(|| gusty(deck, urgency, s, c));
     let (paused, waited) = lasting(stopped.is_some(), paused, s.now);
     if let Some(why) = stopped.filter(|_| waited > DECISION_TIMEOUT_S) {
         return PhaseTransition::BreakOff(why);

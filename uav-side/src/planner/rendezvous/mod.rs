@@ -12,7 +12,7 @@
 
 pub mod config;
 pub mod profile;
-mod push;
+pub(crate) mod push;
 pub mod touchdown_time;
 
 use alight_shared::{

@@ -23,7 +23,7 @@ const LOWEST_M: f64 = 0.5;
 
 /// Lateral disturbance and the conditions under which it was measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct LateralDisturbance {
+pub(crate) struct LateralDisturbance {
     /// NED, m/s².
     measured: Vector2<f64>,
     /// Velocity (NED, m/s) and height (NED z, m) at the measurement.
@@ -36,6 +36,13 @@ pub(super) struct LateralDisturbance {
 }
 
 impl LateralDisturbance {
+    /// Change of the disturbance of the drone `d` down to the height `z`, above water at `water_z` (NED, m), m/s².
+    pub(crate) fn change(d: &DroneState, z: f64, water_z: f64) -> Vector2<f64> {
+        let mut push = LateralDisturbance::default();
+        push.measure(d, true);
+        push.know_water(water_z);
+        push.at(z, &push.velocity) - push.measured
+    }
     /// In `free` flight the disturbance is averaged over [`DISTURBANCE_S`].
     pub(super) fn measure(&mut self, d: &DroneState, free: bool) {
         self.wind = d.wind.map(Vector2::from);
