@@ -62,6 +62,14 @@ pub struct BridgeOut {
     pub status: Option<DroneStatus>,
 }
 
+impl BridgeOut {
+    /// Passes each encoded message for the vessel to `send`.
+    pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>)) {
+        RadioTopic::TimeRequest.encode_each(&self.time_request, &mut send);
+        RadioTopic::Status.encode_each(&self.status, &mut send);
+    }
+}
+
 wiring! {
     /// Messages that the bridge writes and reads, apart from radio packets.
     BridgePorts of Bridge: BridgeIn => BridgeOut {
@@ -229,12 +237,8 @@ impl Bridge {
                 };
                 out.commands.push(m.restamped(at));
             }
-            RadioTopic::Process
-            | RadioTopic::Drones
-            | RadioTopic::Receipts
-            | RadioTopic::TimeRequest
-            | RadioTopic::Status
-            | RadioTopic::Order => return Err(RejectionReason::Malformed),
+            // Not for drones; the process has shown the vessel's reports.
+            _ => return Err(RejectionReason::Malformed),
         }
         Ok(())
     }

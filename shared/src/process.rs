@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     metrics::{self, MetricName, MetricValue, Metrics},
     msg::Seq,
+    radio::RadioTopic,
     tags::ForeignTag,
 };
 
@@ -90,8 +91,8 @@ pub struct InputState {
     pub read_age_p99_s: f64,
 }
 
-/// Maximum number of radio keys on which one process publishes.
-pub const MAX_FLOWS: usize = 11;
+/// Maximum number of radio keys on which one process publishes: it reports the rate of each.
+pub const MAX_FLOWS: usize = RadioTopic::MAX_SENT;
 
 /// Counts of messages that a process sent on one radio key.
 #[derive(Clone, Copy, Debug, Default, PartialEq, JsonSchema, Serialize, Deserialize)]

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    process::MAX_FLOWS,
     topics::{self, Topic},
+    wire,
 };
 
 /// Kind of computer at one end of the radio.
@@ -56,11 +56,13 @@ macro_rules! radio {
         impl RadioTopic {
             /// All radio topics.
             pub const ALL: &[RadioTopic] = &[$(RadioTopic::$name),*];
-            /// Number of topics that a vessel's computer sends, a drone's, and an operator's.
-            const SENT: [usize; 3] = {
+            /// Number of topics that a vessel's computer sends, the most of all senders.
+            pub(crate) const MAX_SENT: usize = {
                 let mut sent = [0; 3];
                 $(sent[RadioEnd::$from as usize] += 1;)*
-                sent
+                let [vessel, drone, operator] = sent;
+                assert!(vessel >= drone && vessel >= operator);
+                vessel
             };
             /// Row of this topic in the table.
             pub const fn row(self) -> RadioRow {
@@ -75,6 +77,17 @@ macro_rules! radio {
                             !held.is_empty()
                         },
                     },)*
+                }
+            }
+            /// Passes each encoded message to `send`. One that cannot be encoded is not sent; the receiver
+            /// detects the gap.
+            pub fn encode_each<'a, M: Serialize + 'a>(
+                self,
+                messages: impl IntoIterator<Item = &'a M>,
+                mut send: impl FnMut(RadioTopic, Vec<u8>),
+            ) {
+                for bytes in messages.into_iter().filter_map(|m| wire::encode(m).ok()) {
+                    send(self, bytes);
                 }
             }
         }
@@ -97,12 +110,6 @@ radio! {
     Status: DRONE_STATUS, Drone => Vessel, Status;
     Order: OPERATOR, Operator => Vessel, Order;
 }
-
-// A process reports the rate of every topic that it sends.
-const _: () = {
-    let [vessel, drone, operator] = RadioTopic::SENT;
-    assert!(vessel <= MAX_FLOWS && drone <= MAX_FLOWS && operator <= MAX_FLOWS);
-};
 
 #[cfg(test)]
 mod tests {

@@ -12,7 +12,7 @@ use alight_shared::{
     process::ProcessKind,
     radio::RadioTopic,
     time::{DroneClock, VesselClock, VesselTime},
-    wire::{self, WireError},
+    wire::WireError,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -57,6 +57,21 @@ impl ComputerIn {
             time_requests: self.time_requests.clone(),
         }
     }
+    /// Adds a message of a drone or an operator that arrived by radio.
+    pub fn receive(
+        &mut self,
+        topic: RadioTopic,
+        arrival: &Arrival<VesselClock, Vec<u8>>,
+    ) -> Result<(), WireError> {
+        match topic {
+            RadioTopic::TimeRequest => self.time_requests.push(arrival.decoded()?),
+            RadioTopic::Status => self.statuses.push(arrival.decoded()?),
+            RadioTopic::Order => self.commands.push(arrival.decoded()?),
+            // Not for vessels.
+            _ => {}
+        }
+        Ok(())
+    }
 }
 
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -80,37 +95,21 @@ impl ComputerOut {
     pub fn broadcast(&self, mut send: impl FnMut(RadioTopic, Vec<u8>, bool)) {
         // A drone that connects later cannot use a continued wave model.
         let whole = self.vessel.wave_update.as_ref().is_some_and(WaveUpdate::is_whole);
-        let mut send_all =
-            |topic: RadioTopic, messages: &mut dyn Iterator<Item = Result<Vec<u8>, WireError>>| {
-                let held = topic.row().held && (topic != RadioTopic::Wave || whole);
-                // A message that cannot be encoded is not sent; the receiver detects the gap.
-                for bytes in messages.flatten() {
-                    send(topic, bytes, held);
-                }
-            };
+        let mut send = |topic: RadioTopic, bytes| {
+            let held = topic.row().held && (topic != RadioTopic::Wave || whole);
+            send(topic, bytes, held);
+        };
         let vessel = &self.vessel;
-        send_all(
-            RadioTopic::Estimate,
-            &mut vessel.estimate_update.iter().map(wire::encode),
-        );
-        send_all(RadioTopic::Wave, &mut vessel.wave_update.iter().map(wire::encode));
-        send_all(
-            RadioTopic::Prediction,
-            &mut vessel.prediction.iter().map(wire::encode),
-        );
-        send_all(
-            RadioTopic::Surroundings,
-            &mut vessel.surroundings.iter().map(wire::encode),
-        );
-        send_all(RadioTopic::Rtcm, &mut self.rtcm.iter().map(wire::encode));
-        send_all(
-            RadioTopic::TimeReply,
-            &mut vessel.time_replies.iter().map(wire::encode),
-        );
-        send_all(RadioTopic::Deck, &mut self.grant.iter().map(wire::encode));
-        send_all(RadioTopic::Command, &mut self.commands.iter().map(wire::encode));
-        send_all(RadioTopic::Drones, &mut self.statuses.iter().map(wire::encode));
-        send_all(RadioTopic::Receipts, &mut self.receipts.iter().map(wire::encode));
+        RadioTopic::Estimate.encode_each(&vessel.estimate_update, &mut send);
+        RadioTopic::Wave.encode_each(&vessel.wave_update, &mut send);
+        RadioTopic::Prediction.encode_each(&vessel.prediction, &mut send);
+        RadioTopic::Surroundings.encode_each(&vessel.surroundings, &mut send);
+        RadioTopic::Rtcm.encode_each(&self.rtcm, &mut send);
+        RadioTopic::TimeReply.encode_each(&vessel.time_replies, &mut send);
+        RadioTopic::Deck.encode_each(&self.grant, &mut send);
+        RadioTopic::Command.encode_each(&self.commands, &mut send);
+        RadioTopic::Drones.encode_each(&self.statuses, &mut send);
+        RadioTopic::Receipts.encode_each(&self.receipts, &mut send);
     }
 }
 

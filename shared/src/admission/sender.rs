@@ -1,10 +1,13 @@
 //! Sender of a message: the name in its key. Access control binds that name to the publisher's certificate.
 
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::RejectionReason;
-use crate::time::{Clock, Time};
+use crate::{
+    time::{Clock, Time},
+    wire::{self, WireError},
+};
 
 /// Publisher of a message by its key `alight/NAME/TOPIC`. The sender stated in the message must match it, so
 /// that a certificate permits only messages under its own name.
@@ -57,6 +60,17 @@ pub struct Arrival<C: Clock, M> {
     pub sender: Sender,
     /// Content.
     pub message: M,
+}
+
+impl<C: Clock> Arrival<C, Vec<u8>> {
+    /// The same arrival with its message decoded.
+    pub fn decoded<M: DeserializeOwned>(&self) -> Result<Arrival<C, M>, WireError> {
+        Ok(Arrival {
+            at: self.at,
+            sender: self.sender,
+            message: wire::decode(&self.message)?,
+        })
+    }
 }
 
 #[cfg(test)]

@@ -28,8 +28,8 @@ use alight_shared::{
     bus::{Reader as _, Row, Wired, Writer as _, readers},
     checkpoint::{CheckpointStore, Republisher},
     msg::{
-        AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, DroneStatus,
-        EstimateUpdate, Header, MissionState, Plan, SetPoint, TagPose, TimeRequest, UvdarFix, still_armed_s,
+        AutopilotState, CameraLight, Command, CommandKind, DeckForecast, DroneState, EstimateUpdate, Header,
+        MissionState, Plan, SetPoint, TagPose, UvdarFix, still_armed_s,
     },
     process::ProcessKind,
     radio::RadioTopic,
@@ -47,12 +47,6 @@ const MAX_PLANS: usize = 64;
 const MAX_WAITING: usize = 4096;
 /// First boot id of a second vessel with the same identity.
 const TWIN_BOOT: u32 = 1000;
-
-#[derive(Clone, Debug)]
-pub(super) enum Uplink {
-    TimeRequest(TimeRequest<DroneClock>),
-    Status(DroneStatus),
-}
 
 /// Senders outside the rows: operators' orders, plans after their solve time, detections of measurement models.
 struct Outside {
@@ -94,7 +88,7 @@ pub struct SimulatedDroneComputer {
     /// Boot ids: of the first processes, and of the last start of each process.
     first_boot: u32,
     boots: BTreeMap<ProcessKind, u32>,
-    pub(super) radio: Session<Packet, Uplink>,
+    pub(super) radio: Session<Packet>,
     /// Bus of the drone's processes, where tests may change messages.
     pub bus: LockStep,
     /// Rows; None if the process is dead.

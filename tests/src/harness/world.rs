@@ -6,7 +6,6 @@
 
 pub use super::{drone_computer::SimulatedDroneComputer, link::Checkpoints};
 use super::{
-    drone_computer::Uplink,
     errors::{EstimateError, of_deck, of_vessel},
     failing::Failing,
     foresight::Foresight,
@@ -338,15 +337,14 @@ impl World {
     fn receive_at_vessel(&mut self, t: WorldTime, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
         for drone in &mut self.drones {
-            let sender = Sender::Drone(DRONE_ID + drone.k as u32);
-            for (arrival, uplink) in drone.radio.at_vessel(t) {
-                let at = clock.read(arrival);
-                match uplink {
-                    Uplink::TimeRequest(message) => {
-                        input.time_requests.push(Arrival { at, sender, message });
-                    }
-                    Uplink::Status(message) => input.statuses.push(Arrival { at, sender, message }),
-                }
+            for (at, packet) in drone.radio.at_vessel(t) {
+                let arrival = Arrival {
+                    at: clock.read(at),
+                    sender: packet.sender,
+                    message: packet.bytes,
+                };
+                // The vessel drops what it cannot decode.
+                let _undecoded = input.receive(packet.kind, &arrival);
             }
         }
     }

@@ -80,10 +80,10 @@ impl<T: Clone> OneWayLink<T> {
 }
 
 #[derive(Clone, Debug)]
-pub struct Session<A, B> {
+pub struct Session<T> {
     config: SimulatedRadioConfig,
-    to_drone: OneWayLink<A>,
-    to_vessel: OneWayLink<B>,
+    to_drone: OneWayLink<T>,
+    to_vessel: OneWayLink<T>,
     /// Channels for handshakes and keep-alives, to the drone and to the vessel. They use separate random
     /// streams, so that the fates of messages do not change.
     probes: [RadioChannel; 2],
@@ -95,8 +95,8 @@ pub struct Session<A, B> {
     reopened: u32,
 }
 
-impl<A: Clone, B: Clone> Session<A, B> {
-    pub fn new(config: &SimulatedRadioConfig, streams: &Streams) -> Session<A, B> {
+impl<T: Clone> Session<T> {
+    pub fn new(config: &SimulatedRadioConfig, streams: &Streams) -> Session<T> {
         Session {
             config: config.clone(),
             to_drone: OneWayLink::new(config, Direction::ToDrone, streams),
@@ -110,24 +110,24 @@ impl<A: Clone, B: Clone> Session<A, B> {
         }
     }
     /// `length` is the length of the message, bytes.
-    pub fn send_to_drone(&mut self, t: WorldTime, length: usize, packet: A) {
+    pub fn send_to_drone(&mut self, t: WorldTime, length: usize, packet: T) {
         if self.attempt.is_none() {
             self.to_drone.send(t, self.config.transport.bytes(length), packet);
         }
     }
-    pub fn send_to_vessel(&mut self, t: WorldTime, length: usize, packet: B) {
+    pub fn send_to_vessel(&mut self, t: WorldTime, length: usize, packet: T) {
         if self.attempt.is_none() {
             self.to_vessel
                 .send(t, self.config.transport.bytes(length), packet);
         }
     }
-    pub fn at_drone(&mut self, t: WorldTime) -> Vec<(WorldTime, A)> {
+    pub fn at_drone(&mut self, t: WorldTime) -> Vec<(WorldTime, T)> {
         let came = self.to_drone.receive(t);
         self.note_received(0, came.last().map(|c| c.0));
         self.poll(t);
         came
     }
-    pub fn at_vessel(&mut self, t: WorldTime) -> Vec<(WorldTime, B)> {
+    pub fn at_vessel(&mut self, t: WorldTime) -> Vec<(WorldTime, T)> {
         let came = self.to_vessel.receive(t);
         self.note_received(1, came.last().map(|c| c.0));
         came
@@ -226,7 +226,7 @@ mod tests {
     /// Ages of the newest sample at the drone every 10 ms, with samples sent at 30 Hz, and the number of
     /// reopened sessions.
     fn ages(config: &SimulatedRadioConfig, seconds: usize) -> (Vec<f64>, u32) {
-        let mut session: Session<f64, f64> = Session::new(config, &Streams::new(3));
+        let mut session: Session<f64> = Session::new(config, &Streams::new(3));
         let mut newest = f64::NEG_INFINITY;
         let mut ages = Vec::new();
         for k in 0..seconds * 100 {

@@ -27,8 +27,7 @@ use crate::{
     io::{runtime, wakes::Wakes},
     process::{
         args::ProcessArgs,
-        radio_keys::{drone_key, vessel_key},
-        radio_port::RadioPort,
+        radio_port::{RadioPort, key},
         run::{AwaitedEdge, NodeView, Process, ProcessEdge},
     },
 };
@@ -109,8 +108,7 @@ impl ProcessEdge<Bridge> for RadioEdge {
             self.second_sender = link.second_sender;
             log_second_sender(self.vessel, link.second_sender);
         }
-        self.port.send(RadioTopic::TimeRequest, &out.time_request);
-        self.port.send(RadioTopic::Status, &out.status);
+        out.broadcast(|topic, bytes| self.port.put(topic, bytes, false));
     }
     fn metrics(&mut self, at: &NodeView<'_, Bridge>) -> Vec<Metric> {
         let radio = &self.port.radio;
@@ -151,11 +149,9 @@ impl AwaitedEdge<Bridge> for RadioEdge {
 }
 
 fn open_radio(computer: &DroneComputerConfig) -> Result<RadioPort, TransportError> {
-    let vessel = computer.bridge.vessel_id;
-    let own = computer.bridge.drone_id.to_string();
     RadioPort::open(&computer.radio, RadioEnd::Drone, |row| match row.from {
-        RadioEnd::Drone => drone_key(&own, row.topic.name),
-        RadioEnd::Vessel | RadioEnd::Operator => vessel_key(vessel, row.topic.name),
+        RadioEnd::Drone => key("drone", computer.bridge.drone_id, row.topic.name),
+        RadioEnd::Vessel | RadioEnd::Operator => key("vessel", computer.bridge.vessel_id, row.topic.name),
     })
 }
 

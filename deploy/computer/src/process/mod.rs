@@ -13,7 +13,6 @@ pub mod local_command;
 pub mod metrics;
 pub mod notify;
 pub mod observer;
-pub mod radio_keys;
 pub mod radio_port;
 pub mod radio_rates;
 pub mod run;

@@ -1,20 +1,23 @@
 //! Endpoint of the radio, with its topics from the table ([`RadioTopic`]).
 
-use std::time::Duration;
+use std::{fmt::Display, time::Duration};
 
 use alight_shared::{
     msg::Seq,
     process::{MAX_FLOWS, RadioFlow},
     radio::{RadioEnd, RadioRow, RadioTopic, Urgency},
-    wire,
 };
 use alight_transport::{
     Received, TransportError,
     radio::{Publication, Radio, RadioConfig, Subscription},
 };
-use serde::Serialize;
 
 use crate::process::radio_rates::RadioRates;
+
+/// Key of a topic of one computer, or of all of a kind with `$*` as their number.
+pub fn key(kind: &str, number: impl Display, topic: &str) -> String {
+    format!("alight/{kind}-{number}/{topic}")
+}
 
 pub struct RadioPort {
     pub radio: Radio,
@@ -64,17 +67,6 @@ impl RadioPort {
     pub fn receive(&mut self) -> Option<(RadioTopic, Received)> {
         let received = self.radio.receive(Duration::ZERO)?;
         Some((*self.read.get(received.subscription)?, received))
-    }
-    /// Sends messages. A message that cannot be encoded is skipped, and the receiver detects the gap.
-    pub fn send<'a, M: Serialize + 'a>(
-        &mut self,
-        topic: RadioTopic,
-        messages: impl IntoIterator<Item = &'a M>,
-    ) {
-        let encoded = messages.into_iter().filter_map(|m| wire::encode(m).ok());
-        for bytes in encoded {
-            self.put(topic, bytes, false);
-        }
     }
     /// Sends an encoded message; if `held`, it is kept for peers that join later.
     pub fn put(&mut self, topic: RadioTopic, bytes: Vec<u8>, held: bool) {

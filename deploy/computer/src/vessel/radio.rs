@@ -2,20 +2,15 @@ use alight_shared::{
     admission::{Arrival, Sender},
     process::ProcessState,
     radio::{RadioEnd, RadioTopic},
-    time::{VesselClock, VesselTime},
-    topics, wire,
+    time::VesselTime,
 };
-use alight_transport::{Received, radio::RadioCounts};
+use alight_transport::radio::RadioCounts;
 use alight_usv::{ComputerIn, ComputerOut};
-use serde::de::DeserializeOwned;
 
 use crate::{
     config::VesselComputerConfig,
     exit::CliError,
-    process::{
-        radio_keys::{any_drone_status, any_operator_command, any_time_request, vessel_key},
-        radio_port::RadioPort,
-    },
+    process::radio_port::{RadioPort, key},
 };
 
 /// Number of the process's reports, made at 2 Hz, per report sent by radio; doubled while the link is congested.
@@ -38,10 +33,9 @@ impl VesselRadio {
         let tls = &computer.radio.tls;
         Ok(VesselRadio {
             port: RadioPort::open(&computer.radio, RadioEnd::Vessel, |row| match row.from {
-                RadioEnd::Vessel => vessel_key(computer.vessel_id, row.topic.name),
-                RadioEnd::Operator => any_operator_command(),
-                RadioEnd::Drone if row.topic.name == topics::TIME_REQUEST.name => any_time_request(),
-                RadioEnd::Drone => any_drone_status(),
+                RadioEnd::Vessel => key("vessel", computer.vessel_id, row.topic.name),
+                RadioEnd::Operator => key("operator", "$*", row.topic.name),
+                RadioEnd::Drone => key("drone", "$*", row.topic.name),
             })?,
             secured: !tls.authority.is_empty(),
             operators: tls.peers.iter().any(|p| p.starts_with("operator-")),
@@ -70,15 +64,17 @@ impl VesselRadio {
     /// Adds the received packets to `input`; `at` converts the arrival time on the steady clock, ns.
     pub fn receive(&mut self, at: impl Fn(i64) -> VesselTime, input: &mut ComputerIn) {
         while let Some((topic, packet)) = self.port.receive() {
-            let at = at(packet.at_ns);
-            if topic == RadioTopic::TimeRequest {
-                let request = decode(&packet, at, &mut self.undecoded);
-                input.time_requests.extend(request);
-            } else if topic == RadioTopic::Status {
-                let status = decode(&packet, at, &mut self.undecoded_statuses);
-                input.statuses.extend(status);
-            } else if self.secured {
-                input.commands.extend(decode(&packet, at, &mut self.undecoded));
+            let arrival = Arrival {
+                at: at(packet.at_ns),
+                sender: packet.sender,
+                message: packet.bytes,
+            };
+            let permitted = self.secured || topic.row().from != RadioEnd::Operator;
+            if permitted && input.receive(topic, &arrival).is_ok() {
+                continue;
+            }
+            if topic == RadioTopic::Status {
+                self.undecoded_statuses += 1;
             } else {
                 self.undecoded += 1;
             }
@@ -102,23 +98,8 @@ impl VesselRadio {
         self.reports += 1;
         let congested = u32::from(rate_fraction <= 0.5);
         if self.reports.is_multiple_of(STATUS_DECIMATION << congested) {
-            self.port.send(RadioTopic::Process, [&report]);
+            RadioTopic::Process.encode_each([&report], |topic, bytes| self.port.put(topic, bytes, false));
         }
         report
     }
-}
-
-/// Decodes a message that arrived at `at`; counts an invalid one in `undecoded`.
-fn decode<M: DeserializeOwned>(
-    packet: &Received,
-    at: VesselTime,
-    undecoded: &mut u64,
-) -> Option<Arrival<VesselClock, M>> {
-    let message = wire::decode(&packet.bytes).ok();
-    *undecoded += u64::from(message.is_none());
-    Some(Arrival {
-        at,
-        sender: packet.sender,
-        message: message?,
-    })
 }

@@ -2,7 +2,7 @@
 
 use core::mem::swap;
 
-use super::{MAX_WAITING, Moment, SimulatedDroneComputer, Uplink, due};
+use super::{MAX_WAITING, Moment, SimulatedDroneComputer, due};
 use crate::{
     autopilots::simulated::mode_number,
     baselines::own::OwnReport,
@@ -17,13 +17,13 @@ use crate::{
 };
 use alight_bridge::{Bridge, BridgeIn, BridgeOut, Packet};
 use alight_shared::{
+    admission::Sender,
     bus::{Bus, Edge, Row, Writer as _},
     msg::{AutopilotMode, Plan},
     node::Node,
     process::ProcessKind,
+    radio::RadioTopic,
     time::{DroneClock, Span, Stamped, WorldTime},
-    topics::TIME_REQUEST,
-    wire,
 };
 use alight_uav::{
     autopilot::{
@@ -82,16 +82,14 @@ impl SimulatedDroneComputer {
         // The bridge stamps waiting packets when it reads them.
         let waited = self.waiting.drain(..).map(|p| Stamped::new(now, p));
         let mut packets: Vec<_> = waited.chain(packets).collect();
+        let sender = Sender::Drone(self.nodes.bridge.drone_id);
         let radio = &mut self.radio;
         let send = |_: &BridgeIn, out: &mut BridgeOut| {
-            if let Some(request) = out.time_request {
-                radio.send_to_vessel(t, TIME_REQUEST.bytes, Uplink::TimeRequest(request));
-            }
-            if let Some(status) = out.status.filter(|_| reports_status)
-                && let Ok(bytes) = wire::encode(&status)
-            {
-                radio.send_to_vessel(t, bytes.len(), Uplink::Status(status));
-            }
+            out.broadcast(|kind, bytes| {
+                if reports_status || kind != RadioTopic::Status {
+                    radio.send_to_vessel(t, bytes.len(), Packet { kind, sender, bytes });
+                }
+            });
         };
         let receive = |input: &mut BridgeIn| swap(&mut input.packets, &mut packets);
         let step = bridge.step(|| now, &mut edge::<Bridge>(receive, send));

@@ -9,7 +9,7 @@ use std::{
 use alight_computer::{
     certificates,
     exit::{CliError, Exit},
-    process::{life::draw_boot, radio_keys::vessel_key},
+    process::{life::draw_boot, radio_port::key},
     terminal,
 };
 use alight_shared::{
@@ -249,11 +249,11 @@ pub fn run(args: &CommandArgs, endpoint: &str, keys: &Path) -> Result<Exit, CliE
     let vessel = certificates::common_name("vessel", args.vessel_id);
     let config = RadioConfig::dialling(endpoint, certificates::files(keys, vec![vessel])?);
     config.check(&Keys::ROOT)?;
-    let key = format!("alight/{own}/{}", topics::OPERATOR.name);
-    let publications = vec![Publication::new(key, Urgency::Order).of(&topics::OPERATOR)];
+    let order = format!("alight/{own}/{}", topics::OPERATOR.name);
+    let publications = vec![Publication::new(order, Urgency::Order).of(&topics::OPERATOR)];
     // Deck messages arrive even if the vessel receives no drone.
     let received = [&topics::DRONES, &topics::RECEIPTS, &topics::DECK];
-    let received = received.map(|topic| vessel_key(args.vessel_id, topic.name));
+    let received = received.map(|topic| key("vessel", args.vessel_id, topic.name));
     let mut radio = Radio::open(&config, publications, Vec::from(received))?;
     let drone = args.drone.unwrap_or_default();
     let header = Header::new(args.vessel_id, drone, draw_boot(), 1, Time::EPOCH);
