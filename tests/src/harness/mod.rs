@@ -1,5 +1,6 @@
 //! The world in lock-step with the nodes: one landing, the judge of its outcome, and observers.
 
+mod ashore;
 pub mod bus;
 pub mod cameras;
 mod drone_computer;

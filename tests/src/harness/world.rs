@@ -4,8 +4,8 @@
 //!
 //! Delays (radio, clocks, solve time, autopilot wire) belong to the world, not to the nodes.
 
-pub use super::{drone_computer::SimulatedDroneComputer, link::Checkpoints};
 use super::{
+    ashore::Ashore,
     errors::{EstimateError, of_deck, of_vessel},
     failing::Failing,
     foresight::Foresight,
@@ -16,16 +16,17 @@ use super::{
     scenario::{NodeConfigs, Scenario, SetupError},
     vessel_computer::VesselSide,
 };
+pub use super::{drone_computer::SimulatedDroneComputer, link::Checkpoints};
 use crate::{autopilots::simulated::INNER_PER_OUTER, physics::streams::Streams};
 use alight_bridge::Packet;
 use alight_shared::{
     admission::{Arrival, Sender},
-    msg::{CommandKind, DeckOrder, Header, MissionState, OperatorCommand},
+    msg::{CommandKind, DeckOrder, MissionState},
     process::ProcessKind,
     radio::{RadioEnd, RadioTopic},
     time::{Span, Time, VesselTime, WorldTime},
 };
-use alight_usv::{ComputerIn, ComputerOut, deck::DeckInputs};
+use alight_usv::{ComputerIn, ComputerOut, VesselCheckpoint, deck::DeckInputs};
 use core::f64::consts::TAU;
 use nalgebra::Vector3;
 
@@ -46,9 +47,10 @@ pub struct World {
     /// True motion, for forecasts that use it.
     foresight: Option<Foresight>,
     vessel: VesselSide,
-    /// Input since the last tick from crew and operators, and from the previous start of the process.
-    given: ComputerIn,
-    operator_sequence: u32,
+    /// State of the vessel's deck, and checkpoint of the previous start of its process.
+    deck_inputs: DeckInputs,
+    checkpoint: Option<VesselCheckpoint>,
+    ashore: Ashore,
     /// Drones report to the vessel, which grants its deck and relays commands. Disabled for a single drone
     /// without reservation to save time.
     is_deck_shared: bool,
@@ -86,8 +88,9 @@ impl World {
         Ok(World {
             foresight: foresight.transpose()?,
             vessel: VesselSide::new(scenario, nodes, physics.vessel_clock(), BOOT),
-            given: ComputerIn::default(),
-            operator_sequence: 0,
+            deck_inputs: DeckInputs::default(),
+            checkpoint: None,
+            ashore: Ashore::new(scenario, &streams),
             is_deck_shared: scenario.drones > 1
                 || nodes.drone.mission.reservation_required
                 || nodes.drone.mission.takeoff,
@@ -157,20 +160,13 @@ impl World {
         self.is_deck_shared = true;
     }
     pub fn operator_command(&mut self, k: usize, kind: CommandKind) {
-        let now = self.vessel_now();
-        self.operator_sequence += 1;
-        let header = Header::new(VESSEL_ID, DRONE_ID + k as u32, BOOT, self.operator_sequence, now);
-        self.given.commands.push(Arrival {
-            at: now,
-            sender: Sender::Operator(1),
-            message: OperatorCommand { header, kind },
-        });
+        self.ashore.command(self.physics.now(), k, kind);
     }
     pub fn deck_order(&mut self, order: DeckOrder) {
         self.vessel.order(self.vessel_now(), order);
     }
     pub fn deck_inputs(&mut self, inputs: DeckInputs) {
-        self.given.deck_inputs = inputs;
+        self.deck_inputs = inputs;
     }
     /// Simulates a crew that removes a drone and restarts it with its computer; it appears in the air at its
     /// start position.
@@ -235,11 +231,7 @@ impl World {
         }
     }
     pub fn restart_vessel(&mut self) {
-        self.given = ComputerIn {
-            checkpoint: self.vessel.restart_vessel(),
-            deck_inputs: self.given.deck_inputs,
-            ..ComputerIn::default()
-        };
+        self.checkpoint = self.vessel.restart_vessel();
     }
 
     /// Changes the vessel's course or speed, as happens during a first descent.
@@ -264,11 +256,12 @@ impl World {
         // The vessel: sensors, drones' statuses, orders -> estimator, deck arbiter, operator relay -> broadcast.
         let now = (t, self.vessel_now(), self.vessel_ahead);
         let measured = (self.physics.vessel_readings(), self.physics.vessel_rtcm());
-        let given = ComputerIn {
-            deck_inputs: self.given.deck_inputs,
+        let mut input = ComputerIn {
+            deck_inputs: self.deck_inputs,
+            checkpoint: self.checkpoint.take(),
             ..ComputerIn::default()
         };
-        let mut input = core::mem::replace(&mut self.given, given);
+        self.ashore.tick(t);
         self.receive_at_vessel(t, &mut input);
         let output = self
             .vessel
@@ -321,23 +314,25 @@ impl World {
         let sender = Sender::Vessel(VESSEL_ID);
         output.broadcast(|kind, bytes, _held| {
             let of_deck = matches!(kind, RadioTopic::Deck | RadioTopic::Command);
-            if kind.row().to != RadioEnd::Drone || of_deck && !with_deck {
+            if of_deck && !with_deck {
                 return;
             }
+            let packet = Packet { kind, sender, bytes };
+            let length = packet.bytes.len();
+            if kind.row().to == RadioEnd::Operator {
+                return self.ashore.radio.send_to_drone(t, length, packet);
+            }
             for drone in &mut self.drones {
-                let bytes = bytes.clone();
-                let length = bytes.len();
-                drone
-                    .radio
-                    .send_to_drone(t, length, Packet { kind, sender, bytes });
+                drone.radio.send_to_drone(t, length, packet.clone());
             }
         });
     }
 
     fn receive_at_vessel(&mut self, t: WorldTime, input: &mut ComputerIn) {
         let clock = self.physics.vessel_clock().ahead(self.vessel_ahead);
-        for drone in &mut self.drones {
-            for (at, packet) in drone.radio.at_vessel(t) {
+        let drones = self.drones.iter_mut().map(|drone| &mut drone.radio);
+        for radio in drones.chain([&mut self.ashore.radio]) {
+            for (at, packet) in radio.at_vessel(t) {
                 let arrival = Arrival {
                     at: clock.read(at),
                     sender: packet.sender,
