@@ -10,6 +10,7 @@ use super::FlightKind;
 use crate::{
     autopilots::simulated::SimulatedAutopilot,
     harness::{
+        errors::EstimateError,
         outcome::{ContactEvent, FALSE_STOP_M, MAX_CONTACT_MPS},
         rig::Rig,
     },
@@ -229,7 +230,8 @@ impl StormWatch {
             .or_else(|| self.standing(rig, k, &scene))
             .or_else(|| self.orders(rig, k, &scene))
             .or_else(|| self.places(rig, k, &scene));
-        let estimates = self.estimates(rig, k);
+        let is_doubted = || rig.world.vessel_is_doubted();
+        let estimates = self.estimates((rig.t_s(), rig.state(k)), rig.world.errors(k), is_doubted);
         let (rule, figure) = broken.or(estimates)?;
         Some(Violation {
             rule,
@@ -317,20 +319,24 @@ impl StormWatch {
     }
 
     /// Checks for a descent that begins on a wrong estimate without a finding.
-    fn estimates(&mut self, rig: &Rig, k: usize) -> Option<(StormRule, f64)> {
-        let t_s = rig.t_s();
+    fn estimates(
+        &mut self,
+        (t_s, state): (f64, State),
+        errors: impl Iterator<Item = EstimateError>,
+        is_doubted: impl FnOnce() -> bool,
+    ) -> Option<(StormRule, f64)> {
         let before = core::mem::take(&mut self.wrong_since_s);
         let mut worst_sds = 0.0_f64;
-        for e in rig.world.errors(k).filter(|e| e.in_deviations() > WRONG_SDS) {
+        for e in errors.filter(|e| e.in_deviations() > WRONG_SDS) {
             let since_s = before.get(e.quantity).copied().unwrap_or(t_s);
             self.wrong_since_s.insert(e.quantity, since_s);
             if t_s > since_s + UNDOUBTED_S {
                 worst_sds = worst_sds.max(e.in_deviations());
             }
         }
-        let before = core::mem::replace(&mut self.state, rig.state(k));
+        let before = core::mem::replace(&mut self.state, state);
         let begins = self.state == State::Descent && before != State::Descent;
-        let breaks = begins && worst_sds > 0.0 && !rig.world.vessel_is_doubted();
+        let breaks = begins && worst_sds > 0.0 && !is_doubted();
         breaks.then_some((StormRule::Undoubted, worst_sds))
     }
 
@@ -514,4 +520,40 @@ fn is_finite(s: &SetPoint) -> bool {
     let scalars = [s.yaw, s.yaw_rate, s.thrust];
     let all = vectors.as_flattened().iter().chain(&scalars).chain(&s.attitude);
     all.copied().all(f64::is_finite)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rule broken by a descent that begins at 10 s, with an estimate wrong by `sds` deviations for `wrong_s` before.
+    fn broken(sds: f64, wrong_s: f64, doubted: bool) -> Option<(StormRule, f64)> {
+        let mut watch = StormWatch::default();
+        let mut found = None;
+        for tick in 0..=1000 {
+            let t_s = f64::from(tick) * 0.01;
+            let errors = [EstimateError {
+                quantity: "roll",
+                error: if t_s > 10.0 - wrong_s { sds } else { 0.0 },
+                sd: 1.0,
+            }];
+            let state = if t_s < 10.0 {
+                State::Tracking
+            } else {
+                State::Descent
+            };
+            found = watch
+                .estimates((t_s, state), errors.into_iter(), || doubted)
+                .or(found);
+        }
+        found
+    }
+
+    #[test]
+    fn descent_on_a_wrong_estimate_breaks_a_rule() {
+        assert_eq!(broken(3.5, 6.0, false), Some((StormRule::Undoubted, 3.5)));
+        assert_eq!(broken(2.9, 6.0, false), None);
+        assert_eq!(broken(3.5, 4.9, false), None);
+        assert_eq!(broken(3.5, 6.0, true), None);
+    }
 }
