@@ -228,7 +228,8 @@ impl Gather {
 /// Reads a recording from `origin` with sensors at `mount`, and drops implausible channels with a note.
 pub fn read(bytes: &[u8], origin: &str, mount: &Mount) -> Result<SensorRecording, LogError> {
     let recorded = read_format(bytes, origin, mount)?;
-    let (measurements, remarks) = plausible::sift(recorded.measurements);
+    let (measurements, mut remarks) = plausible::sift(recorded.measurements);
+    remarks.extend(plausible::unwitnessed(&measurements));
     let mut notes = recorded.notes;
     notes.extend(remarks.into_iter().map(|r| match r.remedy {
         Some(remedy) => format!("{}: {remedy}", r.text),

@@ -344,7 +344,16 @@ pub(crate) fn sift(all: Vec<Measurement>) -> (Vec<Measurement>, Vec<Remark>) {
         };
         source.remarks(&whose)
     });
-    (kept, remarks.chain(movement.remark(|_| true)).collect())
+    (kept, remarks.collect())
+}
+
+/// Remark on the quantities of a recording that nothing confirms or contradicts.
+pub(crate) fn unwitnessed(all: &[Measurement]) -> Option<Remark> {
+    let mut movement = Movement::default();
+    for m in all {
+        movement.take(m.source(), m);
+    }
+    movement.remark(|_| true)
 }
 
 /// Removes a part from a source's measurements from `since` on. Returns the number of these measurements.
